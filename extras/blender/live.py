@@ -34,7 +34,7 @@ def pose_armature(
     Args:
         thing: the armature.
         bones: Unity's name → the armature's bone.
-        pose: Unity's name → what VMC sent, and 'Root'.
+        pose: Unity's name, or 'Root', → the pose from VMC.
         scale: of positions, armature by sender.
 
     Returns the (bone, property) that were set.
@@ -109,7 +109,7 @@ class BODYSENSE_OT_receive(bpy.types.Operator):
             data.action = bpy.data.actions.new(f"{self._thing.name} live")
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Pose the armature by the newest of the poses that came; record all at their frames."""
+        """Pose the armature by the newest received pose; record all at their frames."""
         if event.type == "ESC":
             return self._ended(context)
         if event.type != "TIMER":
@@ -124,7 +124,7 @@ class BODYSENSE_OT_receive(bpy.types.Operator):
         return {"PASS_THROUGH"}
 
     def _received_poses(self) -> list[dict[str, BonePose]]:
-        """Return the poses that came since the last tick; malformed datagrams are left out."""
+        """Return the poses received since the last tick; malformed datagrams are skipped."""
         received: list[dict[str, BonePose]] = []
         for _ in range(_MOST):
             try:

@@ -28,12 +28,12 @@ class BonePose:
 
 @dataclass
 class Poses:
-    """Bones that came and are not yet a pose: `take` returns each pose that a packet ends."""
+    """Received bones of an incomplete pose; `take` returns each pose that a packet completes."""
 
     bones: dict[str, BonePose] = field(default_factory=dict)
 
     def take(self, packet: bytes) -> list[dict[str, BonePose]]:
-        """Take in a datagram; return its poses, with the root as 'Root'. Malformed datagrams raise ValueError."""
+        """Read a datagram; return the poses it completes, with the root as 'Root'. Raises ValueError if malformed."""
         poses: list[dict[str, BonePose]] = []
         for address, arguments in messages(packet):
             if address in (_BONE, _ROOT):
@@ -92,7 +92,7 @@ def _message(data: bytes) -> tuple[str, list[Argument]]:
 
 
 def _text(data: bytes, place: int) -> tuple[str, int]:
-    """Return the padded text at a place, and the place after it."""
+    """Return the padded text at a position, and the position after it."""
     end = data.find(b"\0", place)
     if end < 0:
         raise ValueError("a text without an end")

@@ -1,4 +1,4 @@
-"""A performance of every pose and gesture by a body of the shape space, as a faultless tracker would give it out."""
+"""Performance of every pose and gesture by a body of the shape space, as a faultless tracker reports it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Angles = dict[str, np.ndarray]  # rotation vectors (3,) by joint, rad
 
 
 def about(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    """Return a rotation vector in rad of degrees."""
+    """Return a rotation vector in radians from degrees."""
     return np.radians([x, y, z])
 
 
@@ -156,7 +156,7 @@ def performed() -> tuple[Pose, list[Step]]:
 
 
 def given_out(pose: Pose, steps: Sequence[Step]) -> Subject:
-    """A performance as a tracker gives it out that loses a wrist for a second and is taken off once."""
+    """Performance from a tracker that loses a wrist for a second and is taken off once."""
     time = np.arange(len(pose.rotation)) / RATE
     subject = pose_subject("clean", "MCAP", pose, time)
     off = next(step for step in steps if step.label == "remount")
@@ -180,5 +180,5 @@ def given_out(pose: Pose, steps: Sequence[Step]) -> Subject:
 
 @pytest.fixture(scope="session")
 def clean(performed: tuple[Pose, list[Step]]) -> Subject:
-    """The performance as a subject that answers every check, and passes it."""
+    """The performance as a subject that passes every check."""
     return given_out(*performed)

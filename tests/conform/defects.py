@@ -18,7 +18,7 @@ from .conftest import about, given_out
 
 @dataclass(frozen=True)
 class Performance:
-    """A faultless performance, as a subject and as the pose and script that it was made from."""
+    """A faultless performance: the subject, and its pose and script."""
 
     subject: Subject
     pose: Pose
@@ -46,7 +46,7 @@ Spoil = Callable[[Performance, float], Subject]
 
 @dataclass(frozen=True)
 class Defect:
-    """A way to spoil a performance by some size."""
+    """A defect of a given size."""
 
     name: str
     spoil: Spoil
@@ -62,7 +62,7 @@ def below(joint: str) -> list[str]:
 
 
 def shift(subject: Subject, names: Sequence[str], by: Any, frames: Any = slice(None)) -> Subject:
-    """Return a subject with points elsewhere: `by` (3,) or (T, 3) m."""
+    """Return a subject with some points moved by `by`, (3,) or (T, 3) m."""
     position = subject.position.copy()
     by = np.broadcast_to(by, (len(subject), 3))[frames, None]
     columns = subject.columns([name for name in names if name in subject.points])
@@ -76,7 +76,7 @@ def _stands(subject: Subject) -> np.ndarray:
 
 
 def reorder_frames(subject: Subject, frames: np.ndarray) -> Subject:
-    """Return a subject that gives out the poses of other frames (T,) at its own times."""
+    """Return a subject with the poses of frames `frames` (T,) at its own times."""
     return replace(subject, position=subject.position[frames], rotation=subject.rotation[frames])
 
 
@@ -140,7 +140,7 @@ def _neck(subject: Subject, cm: float) -> Subject:
 
 
 def _pelvis(performance: Performance, degrees: float) -> Subject:
-    """The pelvis turned, its children where they were in the world of rotations."""
+    """Turn the pelvis; its children keep their world rotations."""
     turn, rotation = quaternion_exp(about(y=degrees)), np.array(performance.pose.rotation)
     rotation[:, 0] = quaternion_multiply(rotation[:, 0], turn)
     for name in ("left_hip", "right_hip", "spine1"):
@@ -154,7 +154,7 @@ def _noise(subject: Subject, mm: float, joint: str) -> Subject:
 
 
 def _glide(subject: Subject, cm: float) -> Subject:
-    """The feet go and come back twice within four seconds of standing, the knees with them."""
+    """Move feet and knees away and back twice within four seconds of standing."""
     there = cm / 200 * (1 - np.cos(np.pi * np.clip(subject.time - 3, 0, 4)))
     return shift(subject, [*below("left_knee"), *below("right_knee")], np.outer(there, [0, 0, 1]))
 
@@ -250,7 +250,7 @@ def _timed(subject: Subject, time: np.ndarray) -> Subject:
 
 
 def _swapped(subject: Subject, one: str, other: str) -> Subject:
-    """Two parts of the body, and what hangs on them, under each other's names."""
+    """Swap the names of two parts of the body and of their descendants."""
     columns, others = (subject.columns([n for n in subject.points if n in below(part)]) for part in (one, other))
     position, rotation = subject.position.copy(), subject.rotation.copy()
     position[:, [*columns, *others]] = subject.position[:, [*others, *columns]]
@@ -259,7 +259,7 @@ def _swapped(subject: Subject, one: str, other: str) -> Subject:
 
 
 def _steps(performance: Performance, label: str, turns: dict[str, np.ndarray]) -> Subject:
-    """Joints held at angles while a step lasts; the pelvis stays where it is."""
+    """Hold joints at angles during a step; the pelvis keeps its position."""
     rotation, subject = np.array(performance.pose.rotation), performance.subject
     for step in subject.labelled(label):
         for name, vector in turns.items():
@@ -382,4 +382,4 @@ OTHERS: dict[str, Callable[[Performance], Subject]] = {
         ),
     ),
 }
-"""One defect for checks that the named defects do not reach; the check of the name must find it."""
+"""One defect for each check that the named defects do not cover; the check of that name must find it."""

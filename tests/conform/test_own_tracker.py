@@ -1,4 +1,4 @@
-"""This project's own tracker before its referee."""
+"""The referee's verdict on this project's tracker."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .conftest import HANG, RATE, RELAXED, about, both, given_out, leg, planted,
 
 
 def test_feet_of_a_seated_wearer_are_on_the_floor_from_head_and_hands() -> None:
-    """The network does not know arms that are stretched ahead in a seat (docs/conform.md)."""
+    """Hands are in the lap: the network was not trained on seated bodies with stretched arms (docs/conform.md)."""
     skeleton, stand = default_skeleton().with_offsets(sample_bodies("test", 3)[2]), HANG | RELAXED
     lap = (
         stand

@@ -1,4 +1,4 @@
-"""Files and streams as subjects: what one format says, all say; what cannot be read is refused in one line."""
+"""Files and streams as subjects: all formats give the same body; unreadable files are refused in one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The add-on in Debian's Blender: holes are filled, known bones stay, live poses are where the server's are."""
+"""The add-on in Debian's Blender: holes are filled, known bones are unchanged, live poses match the server's."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow
 
 
 def files() -> list[str]:
-    """The files of the repository, those that are not committed yet too."""
+    """Files of the repository, including uncommitted ones."""
     command = ["git", "-C", str(ROOT), "ls-files", "-co", "--exclude-standard"]
     listed = subprocess.run(command, capture_output=True, text=True, check=False).stdout.splitlines()
     if not listed:
@@ -52,7 +52,7 @@ def copied(names: list[str], folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def repository(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A Git address of what is here now."""
+    """Git address of the working tree."""
     folder = copied(files(), tmp_path_factory.mktemp("repository"))
     who = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
     for command in (["init", "-q"], ["add", "-A"], [*who, "commit", "-q", "-m", "test"]):
@@ -61,7 +61,7 @@ def repository(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def documented_command(page: str, first: str) -> list[str]:
-    """The words of the command that a page of the docs shows, beginning so."""
+    """Return the words of the command on a page of the docs that begins with `first`."""
     line = next(line for line in (ROOT / "docs" / page).read_text().splitlines() if line.startswith(first))
     return shlex.split(line.partition(" #")[0])
 
@@ -80,7 +80,7 @@ def test_a_demo_from_the_address_of_a_repository(repository: str, tmp_path: Path
 
 @contextmanager
 def served(command: list[str], **options: Any) -> Iterator[str]:
-    """The address of a server that is started so, with a free port."""
+    """Start a server on a free port and return its address."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with subprocess.Popen([*command, "--port", str(port)], **options) as server:

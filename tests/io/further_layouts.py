@@ -1,4 +1,4 @@
-"""Rigs of video tools, games, headsets and data sets; and how else files of a rig are odd."""
+"""Rigs of video tools, games, headsets and data sets, and odd variants of rigs."""
 
 # ruff: noqa: E501
 

@@ -1,4 +1,4 @@
-"""BVH files of other programs' rigs, made of one known motion; and a reader that shares nothing with ours."""
+"""BVH files of other programs' rigs, made from one known motion, and an independent reader."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def bones_of(text: str, left: str, right: str, fingers: str = "", hand: str = "*
 
 @dataclass(frozen=True)
 class Layout:
-    """A rig and how a file of it is written."""
+    """A rig and the properties of its files."""
 
     bones: Bones
     unit: float = 0.01  # metres of a file unit
@@ -66,7 +66,7 @@ class Layout:
     has_positions: bool = False  # position channels on every joint, which override offsets that say nothing
     still: tuple[str, ...] = ()  # joints of ours that must not turn, or the rig cannot hold the motion
     has_known_unit: bool = True  # False: the unit is unknown; the body comes out at 1.70 m
-    lacks: tuple[str, ...] = field(default=())  # points that stand nowhere, though the rig has a joint for them
+    lacks: tuple[str, ...] = field(default=())  # points of ours that no joint of the rig matches in position
     t_posed: bool = False  # a T-pose stands before the motion
 
 
@@ -233,7 +233,7 @@ def read_plainly(text: str) -> dict[str, np.ndarray]:
 
 
 def held_still(clip: Clip, layout: Layout) -> Clip:
-    """The clip without turns of joints that a rig lacks, so that it can hold the motion exactly."""
+    """Return the clip without rotations of joints that a rig lacks, so that the rig represents it exactly."""
     carriers = {re.split(">", place)[0] for name, _, place in layout.bones if name != "End Site"}
     rotation = clip.pose.rotation.copy()
     for k, joint in enumerate(clip.pose.skeleton.joints):
@@ -247,7 +247,7 @@ def held_still(clip: Clip, layout: Layout) -> Clip:
 
 
 def of_other_size(clip: Clip, scale: float) -> Clip:
-    """The same rotations on a larger or smaller body."""
+    """Return the rotations on a larger or smaller body."""
     skeleton = clip.pose.skeleton
     body = skeleton.with_offsets(skeleton.rest_offset * scale)
     return Clip(clip.name, Pose(body, clip.pose.root_position * scale, clip.pose.rotation), clip.frame_rate)

@@ -38,7 +38,7 @@ def spine(root: str, names: str, places: str, head: str = "Neck Head", above: st
 
 
 def shifted(bones: Bones, order: tuple[int, ...]) -> Bones:
-    """The same bones with the children of the root in another order."""
+    """Return the bones with the children of the root in another order."""
     root = bones[0][0]
     tops = [bone for bone in bones if bone[1] == root]
     return [bones[0], *(tops[k] for k in order), *(bone for bone in bones[1:] if bone[1] != root)]

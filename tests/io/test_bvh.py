@@ -1,4 +1,4 @@
-"""BVH: against scipy, against itself, and against everything that can be wrong with a file."""
+"""BVH: comparison with scipy, round trips, and damaged files."""
 
 from __future__ import annotations
 

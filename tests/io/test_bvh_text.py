@@ -1,4 +1,4 @@
-"""A BVH file's own text: what is not replaced stays to the byte."""
+"""Text of a BVH file: bytes that are not replaced are unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The canonical form: the body stays where it was, and the identity is our T-pose, whatever the file's rest pose."""
+"""Canonical form: positions are unchanged, and the identity is our T-pose, whatever the file's rest pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The catalogue: what a data set that is missing is called, and where it is to be had."""
+"""The catalogue: names and addresses of missing data sets."""
 
 from __future__ import annotations
 

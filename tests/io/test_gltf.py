@@ -1,4 +1,4 @@
-"""glTF and VRM animations: what is written is read again, other programs' files stand where they stand."""
+"""glTF and VRM animations: round trips, and positions in other programs' files."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_files_of_other_programs(tmp_path: Path, unseen_body: Clip, kind: str) -
 
 
 def test_a_joint_map_is_followed(tmp_path: Path, unseen_body: Clip) -> None:
-    """A spine that is told to lack a joint lacks it; what has names of its own takes none."""
+    """A spine joint omitted by the map is omitted; files that name their joints refuse a map."""
     path, table = tmp_path / "a.glb", tmp_path / "joints.json"
     foreign(path, unseen_body)
     rig = recognise(figure_of_gltf(path), ReadingOptions(up="y", floor=0.0))

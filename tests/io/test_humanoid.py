@@ -1,4 +1,4 @@
-"""VRM's humanoid: names, and the same posture told from VRM's T-pose."""
+"""VRM's humanoid: names, and postures relative to VRM's T-pose."""
 
 from __future__ import annotations
 

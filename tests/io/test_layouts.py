@@ -1,4 +1,4 @@
-"""The published data sets, as files of their layouts: read as one command does, and refused in one line."""
+"""Published data sets in their layouts: read by one command, or refused in one line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MILLIMETRE = 1e-3
 
 
 def furthest(clip: Clip, truth: Clip, leaving_out: tuple[str, ...] = ()) -> float:
-    """Largest distance between a point of a clip and where it was written."""
+    """Return the largest distance between points of a clip and the written motion."""
     points = [k for k, name in enumerate(default_skeleton().points) if not name.endswith(leaving_out or ("-",))]
     there, here = (forward_kinematics(which.pose)[0][:, points] for which in (truth, clip))
     return float(np.linalg.norm(here - there, axis=-1).max())
@@ -76,7 +76,7 @@ def test_talking_with_hands_in_zip_files(talking_with_hands) -> None:
 
 
 def test_the_motion_replaces_an_unusable_rest_pose(talking_with_hands) -> None:
-    """The rig's frames are turned at random: what is twisted how is known as well as somebody stands straight."""
+    """Frames of the rig are random, so twists are only as accurate as the person stands straight."""
     names = default_skeleton().joints
     for source in list_sources(talking_with_hands.folder):
         clip, truth = read_source(source), talking_with_hands.truth[source.key(talking_with_hands.folder)]

@@ -1,4 +1,4 @@
-"""Names alone: skeletons in full, as programs really write them, and what is not said of names that are none."""
+"""Joints recognised by names alone: complete skeletons of real programs, and names without meaning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigs as they are found: under prefixes, more roots, with swords, braids and skirts, sitting, in one frame."""
+"""Odd rigs: prefixes, several roots, swords, braids, skirts, sitting bodies, single frames."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def test_guessed_sides_are_reported() -> None:
 
 
 def of_shape(clip: Clip, **factors: float) -> Clip:
-    """The same motion on a body some of whose bones are longer or shorter."""
+    """The motion on a body with some longer or shorter bones."""
     skeleton = clip.pose.skeleton
     offset = skeleton.rest_offset.copy()
     for k, name in enumerate(skeleton.points):

@@ -1,4 +1,4 @@
-"""Rigs without a head, half bodies, flat trees and joints that only have places: read to the millimetre, and said."""
+"""Rigs without a head, half bodies, flat trees and joints with positions alone: read to 1 mm and reported."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def places(clip: Clip) -> np.ndarray:
 
 
 def check(rigged: Rigged, text: str, layout: Layout, clip: Clip) -> None:
-    """What the file has is where an independent reader finds it, and where it was written, to 1 mm."""
+    """Joints match an independent reader and the written motion to 1 mm."""
     plain, skeleton = read_plainly(text), rigged.clip.pose.skeleton
     expected = mapped(layout)
     parts = [name for name in expected if re.search("hip|knee|ankle|shoulder|elbow|wrist|^head$|pelvis", name)]
@@ -219,7 +219,7 @@ def test_halves_in_clothes_are_read(name: str, half: Callable[[Layout], Layout])
 @pytest.mark.parametrize("sides", [["left"], ["left", "right"]])
 @pytest.mark.parametrize("name", USUAL)
 def test_arms_without_an_elbow_are_not_shifted(name: str, sides: list[str]) -> None:
-    """The forearm is cut off, and the upper arm ends where it began: its shoulder is no elbow."""
+    """An arm without a forearm ends at the elbow; its shoulder is not taken for an elbow."""
     whole = EVERY[name]
     cut = without(whole, "|".join(f"{side}_elbow" for side in sides))
     ends: Bones = [("End Site", mapped(whole)[f"{side}_shoulder"], f"{side}_elbow") for side in sides]

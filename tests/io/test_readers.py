@@ -1,4 +1,4 @@
-"""Readers that others wrote open our files: Khronos' validator, three-vrm, and Blender, which also takes a picture."""
+"""Independent readers open our files: Khronos' validator, three-vrm, and Blender, which also renders a picture."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_khronos_validator_finds_nothing_wrong(clip: Clip, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_three_vrm_reads_our_animation(clip: Clip, tmp_path: Path) -> None:
-    """What it would give an avatar's normalised bones, put together by our kinematics, is the motion."""
+    """The rotations for an avatar's normalised bones reproduce the motion in our kinematics."""
     write_vrma(tmp_path / "a.vrma", clip)
     found = run_node(tmp_path, "read.mjs", READ_VRMA, "@pixiv/three-vrm-animation", tmp_path / "a.vrma")
     assert found["duration"] == pytest.approx(clip.time[-1])

@@ -1,4 +1,4 @@
-"""Recordings: what is written comes back, and nothing that is not a recording gets further than one clear line."""
+"""Recordings: round trips, and one clear line for any other file."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def test_json_of_any_kind(folder: Path, key: str, value: Any) -> None:
     read_or_refuse(path)
 
 
-# --- what is wrong, said in words
+# --- errors in plain words
 
 Change = Callable[[dict[str, np.ndarray]], object]
 WRONG_ARRAYS: dict[str, tuple[Change, str]] = {
@@ -232,7 +232,7 @@ WRONG_ARRAYS: dict[str, tuple[Change, str]] = {
         lambda a: a.update(points=np.array(["head", "head"])),
         "a point is named twice; names must differ",
     ),
-    "NaN said to be seen": (
+    "NaN marked as seen": (
         lambda a: a["has_position"].__setitem__((2, 1), True) or a["position"].__setitem__((2, 1), np.nan),
         "has_position says that 'neck' is tracked at frame 2, but its position is not finite; clear the mask there",
     ),

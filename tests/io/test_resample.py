@@ -1,4 +1,4 @@
-"""Resampling: what it must keep."""
+"""Resampling: shared times, rates and interpolation."""
 
 from __future__ import annotations
 

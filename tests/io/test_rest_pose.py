@@ -1,4 +1,4 @@
-"""A rest pose from the motion: only where the file's own is none, and from the frame that stands best."""
+"""A rest pose from the motion: used if the file's own is unusable, and taken from the frame that stands best."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files of every rig are read without options, to the millimetre; spoilt ones are righted and said, or refused."""
+"""Files of every rig are read without options to 1 mm; damaged ones are corrected with a remark, or refused."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def of(text: str, name: str = "take.bvh", **options) -> Rigged:
 
 
 def worst(rigged: Rigged, clip: Clip, layout: Layout) -> float:
-    """Largest distance, m, between points that stand in the rig and the same in the motion that was written."""
+    """Return the largest distance, m, between points of the rig and of the written motion."""
     points = [name for name in mapped(layout) if name in rigged.rig.joints]
     assert set(NEEDED) - set(layout.lacks) <= set(points)
     ours = clip.pose.skeleton.indices(points)
@@ -62,7 +62,7 @@ def test_a_rig_is_read_without_options(name: str) -> None:
     assert rig.confidence > 0.4, rig.line()
 
 
-# --- what is wrong with a world is righted, and said ---
+# --- wrong worlds are corrected and reported ---
 
 WORLDS = {
     "upside down": (Rotation.from_euler("X", 180, degrees=True), 0.0),

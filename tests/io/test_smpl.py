@@ -1,4 +1,4 @@
-"""Results of SMPL as video tools write them: layouts, axes, what is missing, what is refused."""
+"""SMPL results of video tools: layouts, axes, missing arrays and refused files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BODY, HAND = 22, 15
 
 @pytest.fixture(scope="module")
 def vectors(waving_clip: Clip) -> np.ndarray:
-    """(T, 52, 3) axis-angle of somebody who waves."""
+    """Axis-angle (T, 52, 3) of a waving person."""
     rotation = np.asarray(waving_clip.pose.rotation)[:, :, [1, 2, 3, 0]]
     return Rotation.from_quat(rotation.reshape(-1, 4)).as_rotvec().reshape(len(rotation), 52, 3)
 

@@ -1,4 +1,4 @@
-"""Folders of motion: the described layout, any other, and what is said where there is nothing."""
+"""Folders of motion: the described layout, other layouts, and errors for empty folders."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def described(tmp_path: Path, make_clip) -> Path:
 
 
 def test_the_folder_of_one_set_is_described_too(described: Path) -> None:
-    """Its people, splits, categories and bodies are those that the folder above it tells."""
+    """People, splits, categories and bodies come from the description in the folder above."""
     whole = [source for source in list_sources(described) if source.path.parent.parent.name == "cmu"]
     part = list_sources(described / "cmu")
     assert [source.path for source in part] == [source.path for source in whole]

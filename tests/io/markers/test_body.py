@@ -1,4 +1,4 @@
-"""A body from markers on the skin of ours: their set is recognised, joints are found, units and axes too."""
+"""Body from markers on the skin of our model: recognition of the set, joints, units and axes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our axes → those of m
 
 @pytest.fixture(scope="module")
 def unseen_body() -> Clip:
-    """Somebody on proportions that nothing was fitted to, 60 frames of standing, sitting and steps."""
+    """A body of unseen proportions: 60 frames of standing, sitting and steps."""
     clip = performance_of_stranger()
     return replace(clip, pose=clip.pose[:: len(clip) // 60], frame_rate=10.0)
 
@@ -195,7 +195,7 @@ def key_points(clip: Clip) -> dict[str, np.ndarray]:
 
 
 def test_key_points_of_a_video(unseen_body: Clip) -> None:
-    """Their middle of the hips is no pelvis, their head is the top of it, and their toes are no balls of the feet."""
+    """The middle of the hips is not the pelvis, the head is its top, and toes are not balls of the feet."""
     marks = key_points(unseen_body)
     raw = replace(raw_of(unseen_body, LEGS), names=tuple(marks), position=np.stack(list(marks.values()), axis=1))
     known = recognised(raw.names)
@@ -315,7 +315,7 @@ def test_marker_sets_are_consistent() -> None:
 
 @pytest.mark.parametrize("name", ["Plug-in Gait", *(pytest.param(n, marks=pytest.mark.slow) for n in list(SETS)[1:])])
 def test_a_body_is_tracked_from_markers(tmp_path: Path, name: str) -> None:
-    """The whole way: a file of somebody of unknown size, with trembling markers, becomes a body to 3 cm on average."""
+    """A file of a body of unknown size with noisy markers is completed to 3 cm on average."""
     clip = performance_of_stranger()
     clip = replace(clip, pose=clip.pose[300:510:3], frame_rate=10.0)
     places = marker_positions(clip.pose, SETS[name])
@@ -358,7 +358,7 @@ def test_legs_alone_hang_the_arms(unseen_body: Clip, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("names", [LEGS, PLUG_IN_GAIT])
 def test_a_causal_take_equals_a_live_session(unseen_body: Clip, tmp_path: Path, names: dict[str, str]) -> None:
-    """A frame at a time, with hips that come and go."""
+    """Frame by frame, with hips that are hidden at times."""
     raw = raw_of(unseen_body, names)
     hips = [k for k, label in enumerate(raw.names) if label.endswith(("ASI", "PSI"))]
     raw.position[20:30, hips] = np.nan
@@ -376,7 +376,7 @@ def test_a_causal_take_equals_a_live_session(unseen_body: Clip, tmp_path: Path, 
 
 @pytest.mark.parametrize("names", [OPENSIM, PLUG_IN_GAIT])
 def test_a_guessed_head_does_not_move_the_legs(unseen_body: Clip, tmp_path: Path, names: dict[str, str]) -> None:
-    """Knees and ankles of a tracked body that bows are where the markers have them, however high the head is worn."""
+    """Knees and ankles of a bowing body stay at their markers, whatever the height of the head."""
     rotation, spine = np.array(unseen_body.pose.rotation), unseen_body.pose.skeleton.index("spine1")
     bow = quaternion_exp(np.sin(np.arange(len(rotation)) / 5)[:, None] ** 2 * [0.7, 0.0, 0.0])
     rotation[:, spine] = quaternion_multiply(rotation[:, spine], bow)
@@ -394,7 +394,7 @@ def test_a_guessed_head_does_not_move_the_legs(unseen_body: Clip, tmp_path: Path
 
 
 def test_a_limb_without_joints_is_reported(unseen_body: Clip) -> None:
-    """One arm without markers, and trunks without arms, are guessed by the network, and so the warning says."""
+    """The network guesses an arm without markers, or both arms, and a warning reports it."""
     arm = ("elbow", "elbow_in", "wrist_thumb", "wrist_pinky")
     raw = raw_of(unseen_body, PAIRS)
     bare = {PAIRS[spot] for spot in arm}

@@ -85,7 +85,7 @@ def motive(markers: dict[str, np.ndarray]) -> bytes:
 
 
 def plain(markers: dict[str, np.ndarray]) -> bytes:
-    """With a column that says what is valid, and the last place where it is not."""
+    """A file with a column of validity; invalid markers keep their last position."""
     frames = len(next(iter(markers.values())))
     lines = ["time," + ",".join(f"{name}.x,{name}.y,{name}.z,{name}.isValid" for name in markers)]
     for t in range(frames):
@@ -137,7 +137,7 @@ SEPARATORS = {"trc": ["\t", ";", ","], "tsv": ["\t"], "nexus": [",", ";"], "moti
 
 @dataclass(frozen=True)
 class Written:
-    """A file of some program, whose last lines are its frames."""
+    """A file of a program; its last lines are the frames."""
 
     ending: str  # of its name
     lines: list[str]

@@ -1,4 +1,4 @@
-"""Marker files: what is written is read again, other conventions are converted, and what is wrong is said."""
+"""Marker files of gloves: round trips, conversion of other conventions, and errors."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ def test_numbers_too_large_to_square_are_refused(tmp_path: Path, gloves: Observa
 
 
 def c3d(path: Path, position: np.ndarray, labels: list[str], unit: str, screens: tuple[str, str] | None) -> None:
-    """A file of another program's."""
+    """A file of another program."""
     file = ezc3d.c3d()
     points = np.ones((4, position.shape[1], len(position)))
     points[:3] = position.transpose(2, 1, 0)

@@ -61,11 +61,11 @@ class Check:
 
 @dataclass(frozen=True)
 class CheckTable:
-    """All groups and checks, in the order in which they are asked."""
+    """All groups and checks, in the order of evaluation."""
 
     groups: tuple[Group, ...]
     checks: tuple[Check, ...]
-    sha256: str  # reports with the same hash asked the same questions
+    sha256: str  # reports with the same hash used the same checks
 
     def before(self, group: str) -> set[str]:
         """Return a group and all groups that it needs, directly or not."""
