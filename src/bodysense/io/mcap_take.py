@@ -19,7 +19,7 @@ from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.errors import missing_package
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.written import check_motion
+from bodysense.io.gltf.writer import check_motion
 
 BODY_SCHEMA, HAND_SCHEMA = "core.FullBodyPoseRecord", "core.HandPoseRecord"
 BODY_JOINTS = (*BODY, "left_hand", "right_hand")  # the hands are the middle of the knuckles

@@ -50,7 +50,7 @@ def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
         write_mcap(path, clip)
         return
     from bodysense.io.gltf.vrma import write_vrma
-    from bodysense.io.gltf.written import write_glb
+    from bodysense.io.gltf.writer import write_glb
 
     if ending == ".vrma":
         write_vrma(path, clip)

@@ -30,12 +30,12 @@ from bodysense.io.rigs.rig import Rig, find_body, joint_map, recognise
 BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 
 
-def hung(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
+def rebuilt_flat_trees(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
     """Return the figures of a file; a flat tree becomes a body with unchanged joint positions and rotations."""
     names = [name for figure in figures for name in figure.joints]
     given = joint_map(options.joints) if options.joints is not None else joints_of(names)
     ours = {of: name for name, of in given.items() if name in names}
-    if not {"pelvis", *ARMS, *LEGS} <= ours.keys() or any(_hangs(figure, ours) for figure in figures):
+    if not {"pelvis", *ARMS, *LEGS} <= ours.keys() or any(_contains_limb_bone(figure, ours) for figure in figures):
         return figures
     trunk = [name for name in names if _is_trunk(name) and name not in given]
     joints = _in_world(figures, [*ours.values(), *trunk])
@@ -107,7 +107,7 @@ def _parents(ours: Mapping[str, str], trunk: list[str]) -> dict[str, str | None]
     return parents
 
 
-def _hangs(figure: Figure, ours: Mapping[str, str]) -> bool:
+def _contains_limb_bone(figure: Figure, ours: Mapping[str, str]) -> bool:
     """Whether a bone of a limb joins two joints of the figure."""
     index = {given: k for k, given in enumerate(figure.joints)}
     ends = [(ours[f"{side}_{a}"], ours[f"{side}_{b}"]) for side in ("left", "right") for a, b in BONES]
@@ -120,17 +120,17 @@ _DEEPEST = 3  # joints above several bodies
 
 def bodies_of(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
     """Return the human figures. One alone is returned unchecked, so that recognising it reports the error."""
-    figures = hung(figures, options)
+    figures = rebuilt_flat_trees(figures, options)
     if options.joints is not None and len(figures) == 1:
         return figures
-    found = [body for figure in figures for body in _apart(figure, _DEEPEST)]
+    found = [body for figure in figures for body in _bodies_in(figure, _DEEPEST)]
     if len(found) == len(figures) == 1:
         return found
     bodies = [figure for figure in found if _is_body(figure)]
     return bodies or figures[:1]
 
 
-def _apart(figure: Figure, deepest: int) -> list[Figure]:
+def _bodies_in(figure: Figure, deepest: int) -> list[Figure]:
     """Return the bodies that share one root; the figure itself if it does not hold two."""
     branches = [k for k in figure.children[0] if sum(j < len(figure.joints) for j in figure.under(k)) >= _FEWEST]
     if len(branches) > 1:
@@ -139,7 +139,7 @@ def _apart(figure: Figure, deepest: int) -> list[Figure]:
         if len(bodies) > 1:
             return [replace(body, name=figure.name) for body in bodies]
     if len(branches) == 1 and deepest and len(figure.children[0]) == 1:
-        inner = _apart(figure.below(branches[0]), deepest - 1)
+        inner = _bodies_in(figure.below(branches[0]), deepest - 1)
         return inner if len(inner) > 1 else [figure]
     return [figure]
 
@@ -178,7 +178,7 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
         options = replace(options, floor=0.0)
     figure = _chosen(file, options)
     rig = recognise(figure, options)
-    clip = _clip(figure, rig, options.joints is not None, must_stand)
+    clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
     if options.height is not None:
         scale = options.height / clip.pose.skeleton.height
         rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)
@@ -202,7 +202,7 @@ def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
     return figures[(options.figure or 1) - 1]
 
 
-def _clip(figure: Figure, rig: Rig, by_table: bool, must_stand: bool) -> Clip:
+def _canonical_clip(figure: Figure, rig: Rig, by_table: bool, must_stand: bool) -> Clip:
     """Return the motion of a figure in canonical form; its joints are recognised, or those of a table."""
     sites = [
         given for ours, given in rig.joints.items() if given in figure.end_sites and ours in default_skeleton().joints

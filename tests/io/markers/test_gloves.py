@@ -196,7 +196,7 @@ TABLES = {
     "not JSON": ("{", "not JSON; give an object of names"),
     "nothing": ("{}", "a table of names has pairs"),
     "a number": ('{"a": 1}', "a table of names has pairs"),
-    "a marker that is none": ('{"a": "left_glove_nose"}', "'left_glove_nose' .* is no marker; say .* pinky_base"),
+    "a marker that is none": ('{"a": "left_glove_nose"}', "'left_glove_nose' .* is no marker; give .* pinky_base"),
     "no hand": ('{"a": "glove_wrist"}', "is no marker"),
     "ours twice": ('{"a": "left_glove_wrist", "b": "left_glove_wrist"}', "'left_glove_wrist' stands twice"),
     "theirs twice": ('{"a": "left_glove_wrist", "a": "left_glove_index_tip"}', "'a' stands twice"),

@@ -10,10 +10,10 @@ from typing import Literal
 import numpy as np
 
 from bodysense.body.gaps import runs
+from bodysense_conform.expressions import columns
 from bodysense_conform.series import NotEnough, need
 from bodysense_conform.subject import Subject
 from bodysense_conform.table import Check, CheckTable, table
-from bodysense_conform.words import columns
 
 Outcome = Literal["pass", "fail", "retake", "measured", "not enough"]
 Judgement = Literal["pass", "fail", "retake", "not enough"]

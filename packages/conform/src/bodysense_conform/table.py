@@ -26,7 +26,7 @@ class Check:
     """A statistic of a quantity in a window, with its limits; without limits it is only measured."""
 
     id: str  # group.name
-    quantity: str  # expression, see bodysense_conform.words
+    quantity: str  # expression, see bodysense_conform.expressions
     statistic: str  # see evaluate.reduced
     why: str  # one sentence for users of the tracker
     of: tuple[str, ...] | str = ("",)  # columns: joints, or bones as 'parent, child'; or an expression that lists them

@@ -62,14 +62,14 @@ def body_of(
     unit, size = _unit(markers, file, raw, form, place, remarks)
     raw = replace(raw, unit=unit, axes=_axes(markers, file, raw, form, remarks))
     places: Places = {name: in_our_world(position, raw, form) for name, position in file.items()}
-    floor = _settle(markers, places, form, remarks)
+    floor = _lower_to_floor(markers, places, form, remarks)
     rotations = _bones(raw, known, here, places, remarks)
     accuracy: dict[str, float] = {}
     with np.errstate(invalid="ignore"):
         frames = _frames(markers, places)
         _check_mirror(markers, places, frames, place)
         for recipe in markers.points:
-            if recipe.name in accuracy or not _can(recipe, places, frames):
+            if recipe.name in accuracy or not _is_applicable(recipe, places, frames):
                 continue
             places[recipe.name] = centre_of(recipe, places, frames, size)
             accuracy[recipe.name] = recipe.accuracy * max(size, 0.5)
@@ -79,12 +79,12 @@ def body_of(
         for frame in markers.frames:
             if frame.joint is not None and frame.name in frames and frame.joint not in rotations:
                 rotations[frame.joint] = turns_of(frames[frame.name])
-    others = _unknown(raw, known, accuracy, place, of_gloves)
+    others = _unknown_labels(raw, known, accuracy, place, of_gloves)
     observation = _observed(raw, places, rotations, accuracy)
     seen = np.asarray(observation.has_position.any(axis=0) | observation.has_rotation.any(axis=0))
     points = [name for name, is_seen in zip(observation.points, seen, strict=True) if is_seen]
     arms_hang = not of_gloves and all(name.rpartition("_")[2] in ("pelvis", *LEG) for name in points)
-    warnings = (*_doubled(raw, known), *_guessed([*points, *of_gloves.values()], others, arms_hang))
+    warnings = (*_duplicate_warning(raw, known), *_guess_warning([*points, *of_gloves.values()], others, arms_hang))
     return MarkerRecording(
         observation=observation,
         frame_rate=raw.frame_rate,
@@ -107,7 +107,7 @@ def _recognised(raw: RawMarkers, known: Recognised, here: Mapping[str, int]) -> 
     return text + (f"; left out: {listed(others)}" if others else "")
 
 
-def _unknown(
+def _unknown_labels(
     raw: RawMarkers, known: Recognised, accuracy: Mapping[str, float], place: str, of_gloves: Mapping[str, str]
 ) -> list[str]:
     """Return the unknown labels.
@@ -124,7 +124,7 @@ def _unknown(
     return others
 
 
-def _doubled(raw: RawMarkers, known: Recognised) -> list[str]:
+def _duplicate_warning(raw: RawMarkers, known: Recognised) -> list[str]:
     """Return a warning about duplicate labels, or nothing."""
     labels = [plain(name.rpartition(":")[2]) for name in raw.names]
     used = {labels[k] for k in known.columns.values()}
@@ -133,7 +133,7 @@ def _doubled(raw: RawMarkers, known: Recognised) -> list[str]:
     return [f"duplicate labels: {listed(again)}; only the first marker of each is used"] if again else []
 
 
-def _guessed(points: Collection[str], others: list[str], arms_hang: bool) -> list[str]:
+def _guess_warning(points: Collection[str], others: list[str], arms_hang: bool) -> list[str]:
     """Return a warning about limbs without a joint: how they are completed, and the unknown labels."""
     parts = {"arm": ("elbow", "wrist", "glove", *FINGERS), "leg": ("knee", "ankle", "foot")}
     limbs = {f"{side} {limb}": (side, parts[limb]) for limb in parts for side in ("left", "right")}
@@ -213,7 +213,7 @@ def _axes(
     return np.stack([along, up, np.cross(along, up)])
 
 
-def _settle(markers: MarkerSet, places: Places, form: MarkerFormat, remarks: list[str]) -> float:
+def _lower_to_floor(markers: MarkerSet, places: Places, form: MarkerFormat, remarks: list[str]) -> float:
     """Move the body so that the floor under its feet is y = 0, if it is elsewhere and no floor is given.
 
     Returns the previous height of the floor, m.
@@ -276,7 +276,7 @@ def _frames(markers: MarkerSet, places: Places) -> dict[str, np.ndarray]:
     return frames
 
 
-def _can(recipe: Recipe, places: Places, frames: Mapping[str, np.ndarray]) -> bool:
+def _is_applicable(recipe: Recipe, places: Places, frames: Mapping[str, np.ndarray]) -> bool:
     """Whether a recipe has its markers and its frame; a hinge needs no frame."""
     has_frame = recipe.how == "hinge" or all(name in frames for name in recipe.frames)
     return has_frame and all(name in places for name in recipe.markers)

@@ -171,9 +171,9 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
         folder = files("bodysense.io.markers.landmarks")
         stored = tomllib.loads(folder.joinpath(f"{stored['landmarks']}.toml").read_text(encoding="utf-8")) | stored
         stored["other_labels"], named = named, stored.get("others", ())
-    labels = {plain(label): label for written in named for label in _both(written)}
+    labels = {plain(label): label for written in named for label in _both_sides(written)}
     for theirs, ours in stored.get("other_labels", {}).items():
-        for label, own in zip(_both(theirs), _both(ours), strict=True):
+        for label, own in zip(_both_sides(theirs), _both_sides(ours), strict=True):
             labels.setdefault(plain(label), own)
     frames = [
         SegmentFrame(
@@ -215,11 +215,11 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
         spans=tuple(
             (own, other, far)
             for a, b, far in stored["spans"]
-            for own, other in dict.fromkeys(zip(_both(a), _both(b), strict=True))
+            for own, other in dict.fromkeys(zip(_both_sides(a), _both_sides(b), strict=True))
         ),
-        low=tuple(label for name in stored["low"] for label in _both(name)),
-        high=tuple(label for name in stored["high"] for label in _both(name)),
-        floor=tuple((label, high) for name, high in stored["floor"] for label in _both(name)),
+        low=tuple(label for name in stored["low"] for label in _both_sides(name)),
+        high=tuple(label for name in stored["high"] for label in _both_sides(name)),
+        floor=tuple((label, high) for name, high in stored["floor"] for label in _both_sides(name)),
         bones={
             _label(name, side): _point(joint, side)
             for name, joint in stored.get("bones", {}).items()
@@ -227,10 +227,10 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
         },
         needs=stored.get("needs", ""),
     )
-    return _of_its_labels(whole) if "landmarks" in stored else whole
+    return _without_missing_landmarks(whole) if "landmarks" in stored else whole
 
 
-def _of_its_labels(whole: MarkerSet) -> MarkerSet:
+def _without_missing_landmarks(whole: MarkerSet) -> MarkerSet:
     """Drop recipes that need landmarks missing from the set."""
     has = set(whole.labels.values())
     frames = tuple(
@@ -261,7 +261,7 @@ def _sides_of(name: str) -> tuple[str, ...]:
     return tuple(_SIDES) if "*" in name else ("",)
 
 
-def _both(name: str) -> tuple[str, ...]:
+def _both_sides(name: str) -> tuple[str, ...]:
     """Return a label on both sides; twice the same label if it is in the middle."""
     return tuple(name.replace("*", own) for own, _ in _SIDES.values())
 

@@ -176,12 +176,12 @@ def named_limb(tree: Tree, points: Mapping[str, int], kind: Kind) -> Limb | None
     bones = np.array([[tree.distance(side[k], side[k + 1]) for k in (0, 1)] for side in joints])
     if not bones.all() or (np.abs(bones[0] - bones[1]) > 2 * ALIKE * bones.max(axis=0)).any():
         return None
-    one, other = ((*way[: way.index(hub)][::-1], *_onward(tree, way[0])) for way in above)
+    one, other = ((*way[: way.index(hub)][::-1], *_longest_chain(tree, way[0])) for way in above)
     upper, lower = bones.mean(axis=0)
     return Limb(tree, hub, (one, other), (joints[0], joints[1]), (float(upper), float(lower)), side=1)
 
 
-def _onward(tree: Tree, point: int) -> list[int]:
+def _longest_chain(tree: Tree, point: int) -> list[int]:
     """Return the longest chain below a point; helpers and ends count as shorter."""
     chain: list[int] = []
     while below := tree.figure.children[chain[-1] if chain else point]:

@@ -90,9 +90,9 @@ def canonical(
             bones = quaternion_rotate(quaternion_conjugate(world[parent]), places[name] - places[parent])
             bone[name] = np.median(bones, axis=0)
     found = world.keys()
-    skeleton = complete_skeleton(_between_filled(ours, bone, parents))
-    world = _aimed(world, places, bone, parents)
-    world |= _still(world, places["pelvis"], skeleton)
+    skeleton = complete_skeleton(_shared_offsets(ours, bone, parents))
+    world = _aim_at_children(world, places, bone, parents)
+    world |= _missing_limbs(world, places["pelvis"], skeleton)
     for joint, name in enumerate(ours.joints):
         if name not in world:  # missing joints go with their parent
             world[name] = world[ours.joints[ours.parents[joint]]]
@@ -131,7 +131,7 @@ def _turned(
     return turned(align), bone
 
 
-def _still(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
+def _missing_limbs(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
     """Return world rotations of missing limbs: legs stand, or sit under a low pelvis, and arms hang."""
     if "left_hip" not in world:
         across = quaternion_rotate(world["pelvis"], np.array([1.0, 0.0, 0.0]))
@@ -151,7 +151,7 @@ def _still(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
     return {}
 
 
-def _aimed(world: Vectors, place: Vectors, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
+def _aim_at_children(world: Vectors, place: Vectors, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
     """Return world rotations with joints turned toward their only child, if skipped joints moved it (see above)."""
     world, reached = dict(world), {"pelvis": place["pelvis"]}
     for name, parent in parents.items():
@@ -227,7 +227,7 @@ def _facing_forward(pose: Pose, match: Mapping[str, int]) -> Pose:
     return Pose(pose.skeleton, pose.root_position, rotation)
 
 
-def _between_filled(ours: Skeleton, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
+def _shared_offsets(ours: Skeleton, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
     """Return offsets from our parents: a bone over joints that the source lacks is divided among them.
 
     The default's chain over those joints is turned and scaled so that it spans the source's bone.

@@ -77,14 +77,14 @@ def words(name: str) -> tuple[str, ...]:
     given = [word.lower() for word in _SPLIT.findall(name.replace("_", " "))]
     result: list[str] = []
     while given:
-        joined = ((n, _parted("".join(given[:n]))) for n in (3, 2, 1) if n <= len(given))
+        joined = ((n, _split_word("".join(given[:n]))) for n in (3, 2, 1) if n <= len(given))
         count, found = next((pair for pair in joined if pair[1]), (1, given[:1]))
         result += found
         given = given[count:]
     return tuple(result)
 
 
-def _parted(word: str) -> list[str]:
+def _split_word(word: str) -> list[str]:
     """Split a word into known words, or return [] if impossible: 'lhip' is l, hip; 'handthumb' hand, thumb."""
     if not word or len(word) > 2 * _LONGEST:
         return []
@@ -93,7 +93,7 @@ def _parted(word: str) -> list[str]:
         if head in _KNOWN and (cut > 1 or len(tail) > 1 or not word.isascii()):
             if not tail:
                 return [head]
-            if rest := _parted(tail):
+            if rest := _split_word(tail):
                 return [head, *rest]
     return []
 

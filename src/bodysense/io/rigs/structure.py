@@ -295,7 +295,7 @@ def fingers_of(tree: Tree, wrist: int) -> dict[str, int]:
     """
     count = len(tree.figure.joints)
     found: dict[str, int] = {}
-    for finger, chain in _which(tree, wrist, _finger_chains(tree, wrist)).items():
+    for finger, chain in _chain_of_each_finger(tree, wrist, _finger_chains(tree, wrist)).items():
         joints = [k for k in chain if k < count]
         joints = joints[_begins_in_palm(tree, wrist, finger, chain, joints) :][:3]
         if len(joints) < 2:
@@ -324,7 +324,7 @@ def _finger_chains(tree: Tree, wrist: int) -> list[list[int]]:
     return [chain for chain in chains if sum(k < len(figure.joints) for k in chain) >= 2][:_MOST]
 
 
-def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
+def _chain_of_each_finger(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
     """Return the chain of each finger."""
     named: dict[str, list[int]] = {}
     for chain in chains:

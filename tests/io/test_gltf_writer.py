@@ -18,7 +18,7 @@ from bodysense.body.skin import fit_skin, place_skin
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.vrma import write_vrma
-from bodysense.io.gltf.written import skin_mesh, write_glb
+from bodysense.io.gltf.writer import skin_mesh, write_glb
 from bodysense.io.motion_files import ENDINGS, check_ending, write_motion
 
 TYPES = {5126: "<f4", 5121: "u1", 5125: "<u4"}

@@ -47,10 +47,10 @@ def columns(check: Check, subject: Subject) -> Mapping[str, np.ndarray | float]:
 
 def _value(expression: str, subject: Subject, column: str = "") -> Any:
     """Return the value of an expression of the table, which is code of this package, not input."""
-    return eval(expression, {"__builtins__": {}}, _Words(subject, column))
+    return eval(expression, {"__builtins__": {}}, _Namespace(subject, column))
 
 
-class _Words(dict[str, Any]):
+class _Namespace(dict[str, Any]):
     """Names for one column: for the column 'left_knee', `it` is this name, `side` is 'left', and `hip` is 'left_hip'.
 
     The column of a bone, 'left_hip, left_knee', has `other`, too. All other names are looked up when they are needed.
