@@ -147,7 +147,7 @@ def test_a_joint_map_is_followed(tmp_path: Path, unseen_body: Clip) -> None:
     with pytest.raises(BodysenseError, match="the file has no joint 'tail'"):
         read(path, options)
     write_motion(tmp_path / "a.vrma", unseen_body)
-    with pytest.raises(BodysenseError, match="a VRM file says which joint is which; leave --joints out"):
+    with pytest.raises(BodysenseError, match="a VRM file names its joints; leave --joints out"):
         read(tmp_path / "a.vrma", options)
     with pytest.raises(BodysenseError, match=r"glTF files hold one body, .*; leave --figure out"):
         read(path, ReadingOptions(figure=2))
@@ -181,7 +181,7 @@ WRONG = {
     "a circle": (lambda d: d["nodes"][0]["children"].append(22), "in a circle"),
     "two parents": (lambda d: d["nodes"][22]["children"].append(5), "has two parents"),
     "an array too long": (lambda d: d["accessors"][3].update(count=10**9), "array 3 cannot be read .beyond the end"),
-    "elsewhere": (lambda d: d["buffers"][0].update(uri="../secret.bin"), "needs the file '../secret.bin' beside it"),
+    "elsewhere": (lambda d: d["buffers"][0].update(uri="../secret.bin"), "needs the file '../secret.bin' next to it"),
     "scaled to nothing": (lambda d: d["nodes"][22].update(scale=[0, 0, 0]), "scaled to nothing or mirrored"),
     "mirrored": (lambda d: d["nodes"][22].update(scale=[-0.01, 0.01, 0.01]), "scaled to nothing or mirrored"),
 }

@@ -100,7 +100,7 @@ def write_bvh(path: str | Path, clip: Clip, unit: float = _UNIT, order: str = _O
     """Write a clip as a BVH file of its own joints: positions in units of `unit` metres, angles in degrees.
 
     Every joint has rotation channels in `order`, the root position channels before them; both are written to six
-    decimals. The file appears whole or not at all: it is written beside `path` and then renamed. Raises BodysenseError
+    decimals. The file appears whole or not at all: it is written next to `path` and then renamed. Raises BodysenseError
     for a clip that is not one finite motion, a wrong order, or a folder that cannot be written.
     """
     path, pose, frame_rate = Path(path), clip.pose, clip.frame_rate

@@ -1,7 +1,7 @@
 """MCAP takes in the open schemas of NVIDIA's Isaac Capture: 24 joints of a body, 26 of each hand, as FlatBuffers.
 
 Their world has +Y up and bodies that face −Z, right toward +X: ours turned by half about +Y. Body joints are SMPL's 24,
-hands those of OpenXR. Every record says that the joint was tracked: a completed joint is one the body has.
+hands those of OpenXR. All joints are marked as tracked, completed ones too.
 """
 
 from __future__ import annotations

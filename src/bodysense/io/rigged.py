@@ -1,8 +1,7 @@
 """BVH files of any rig as clips in canonical form: parsed, recognised, in metres, +Y up, floor at 0.
 
-A file's bodies are its human figures, whether each has a root of its own or several share one.
-
-Flat trees, in which all joints are children of one root or are roots, are rebuilt as a body's tree, by name.
+A file's bodies are its human figures, with one root each or a shared one. Flat trees, in which all joints are children
+of one root or are roots, are rebuilt as a body's tree, by name.
 """
 
 from __future__ import annotations
@@ -248,7 +247,7 @@ def _with_pelvis(clip: Clip, place: np.ndarray | None, rig: Rig) -> tuple[Clip, 
     """Add a pelvis over the hips of a clip whose legs hang on the middle of its trunk, which becomes its child."""
     skeleton, pose = clip.pose.skeleton, clip.pose
     if skeleton.joints[0] != rig.hub:
-        raise BodysenseError(f"{clip.name}: no joint is its pelvis; say which in a file, --joints")
+        raise BodysenseError(f"{clip.name}: no joint is its pelvis; name it in a file, --joints")
     rest = skeleton.path @ skeleton.rest_offset
     left, right = (rest[skeleton.index(rig.joints[f"{side}_hip"])] for side in ("left", "right"))
     leg = np.linalg.norm(rest[skeleton.index(rig.joints["left_ankle"])] - left)

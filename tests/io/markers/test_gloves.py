@@ -232,7 +232,7 @@ WRONG = {
         f"{HEADER}\n{'1' + ROW[1:]}\n{ROW}",
         "time goes from 1 s to 0 s at frame 1; times must increase",
     ),
-    "no times": (f"{HEADER[5:]}\n{ROW[2:]}", "no column of times; say .* --rate"),
+    "no times": (f"{HEADER[5:]}\n{ROW[2:]}", "no column of times; give .* --rate"),
     "other markers": (
         "time,a.x,a.y,a.z\n0,1,2,3",
         "no marker of a glove and no marker set .* among 'a': none is .*; give a table of names with --names",

@@ -82,8 +82,8 @@ def labelled(layout: Layout, directory: Path, files: Sequence[MotionFile]) -> li
     among them, and does not name them; its released code takes the last fifth in the order of the folders. Of a whole
     release (13 participants, in the order of their numbers or names) the last two are the test set here, the one
     before them validation; of another number, the name decides as elsewhere (`split_of`).
-    twh: the person is the speaker, 'deep5' (who came to several sessions) or 'shallow26' (to one); of a file that names
-    none, the session. Takes that configs/conversations.json lists are 'conversation', others 'other'.
+    twh: the person is the speaker, 'deep5' (several sessions) or 'shallow26' (one session); without
+    one, the session. Takes that configs/conversations.json lists are 'conversation', others 'other'.
     mixamo: there are no persons, and one motion stands on several characters. What must not be in two splits is the
     motion, so the 'person' is its name: that of the file, without 'Character@' before it and ' (1)' behind it.
     folder: see `sources.list_sources`.

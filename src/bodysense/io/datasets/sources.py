@@ -95,14 +95,14 @@ def read_amass_source(source: Source, options: ReadingOptions) -> tuple[Clip, Bo
 
 
 def list_sources(directory: str | Path, layout: Layout | None = None) -> list[Source]:
-    """The motion files of a folder, those in zip files included, sorted by path.
+    """Return the motion files of a folder, those in zip files included, sorted by path.
 
     A folder with `splits.json` is read by that file, `categories.csv` and `skeletons.json` (see docs/data.md), and so
     is the folder of one of its sets. The published data sets that `io.datasets.layouts` describes are recognised by
-    what is in the folder, or taken to be of `layout`. In any other, the person is the first folder below `directory`;
-    of files that lie in it, the 'subject5' in the name, or else the name up to the first '_'. The split follows from
-    the person's name. Raises BodysenseError where there is no file, and where the folder is not of the layout asked
-    for.
+    the folder's content, or given by `layout`. In any other, the person is the first folder below `directory`;
+    for files directly in it, the 'subject5' in the name, or else the name up to the first '_'. The split follows from
+    the person's name. Raises BodysenseError if there is no file, or if the folder does not have the requested
+    layout.
     """
     directory = Path(directory)
     if not directory.is_dir():
@@ -125,7 +125,7 @@ def list_sources(directory: str | Path, layout: Layout | None = None) -> list[So
 
 
 def skeleton_from_entry(entry: dict[str, Any]) -> Skeleton:
-    """The full skeleton of an entry of `skeletons.json`; what it lacks is the default's, scaled to fit."""
+    """Return the full skeleton of an entry of `skeletons.json`; missing points are the default's, scaled to fit."""
     ours = default_skeleton()
     offset = {name: np.array(row["offset"], dtype=float) for name, row in entry["joints"].items() if row["parent"]}
     for name, row in entry["end_sites"].items():
@@ -147,7 +147,7 @@ def _described_sets(directory: Path) -> Collection[str]:
 
 
 def _described_sources(directory: Path) -> list[Source]:
-    """Files of a folder that has splits.json ({set: {split: people or clips}}), categories.csv and skeletons.json."""
+    """Return the files of a folder of splits.json ({set: {split: people or clips}}) and its two companions."""
     try:
         splits = json.loads((directory / "splits.json").read_text(encoding="utf-8"))
         with (directory / "categories.csv").open(newline="", encoding="utf-8") as file:

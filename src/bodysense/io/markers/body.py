@@ -119,7 +119,7 @@ def _unknown_labels(
     if len(others) >= UNKNOWN * (len(others) + len(known.columns)) and len(accuracy) < SURE:
         raise BodysenseError(
             f"{place}: {len(known.columns)} labels are of {known.markers.name}, too few to be sure; {len(others)} are "
-            f"unknown: {listed(others)}; say what they are in a table of names, --names (docs/markers.md)"
+            f"unknown: {listed(others)}; map them in a table of names, --names (docs/markers.md)"
         )
     return others
 
@@ -209,7 +209,7 @@ def _axes(
         return declared
     up = np.sign(way[axis]) * np.eye(3)[axis]
     along = np.eye(3)[(axis + 1) % 3]
-    remarks.append(f"{'+' if way[axis] > 0 else '-'}{'XYZ'[axis]} is up: there the body stands (--up says otherwise)")
+    remarks.append(f"{'+' if way[axis] > 0 else '-'}{'XYZ'[axis]} is up: the body stands along it (--up overrides)")
     return np.stack([along, up, np.cross(along, up)])
 
 

@@ -2,7 +2,7 @@
 
 Trajectories (MARKER_NAMES) have three columns each; rigid bodies (BODY_NAMES) sixteen: place, three angles, residual
 and nine of a matrix, of which the place is read. Frame number and time may come first. Of skeletons, a line names
-each segment before its X, Y, Z and QX to QW. Millimetres; +Z is usually up, but no line says so.
+each segment before its X, Y, Z and QX to QW. Millimetres; +Z is usually up, but the format does not declare it.
 """
 
 from __future__ import annotations

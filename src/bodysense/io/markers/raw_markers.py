@@ -32,7 +32,7 @@ class Cells:
     delimiter: str
     lines: tuple[int, ...]  # the line of every frame in the file, from 1
     columns: np.ndarray = field(repr=False)  # (M, 3) of x, y and z; -1: not a marker (a bone, a rigid body)
-    valid: Mapping[int, int] = field(default_factory=dict)  # marker → the column of 1 and 0 that says if it is seen
+    valid: Mapping[int, int] = field(default_factory=dict)  # marker → its column of 1 (seen) and 0 (hidden)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class RawMarkers:
     # (T, M, 4) wxyz, the file's world ← the marker, of rigid bodies and bones; NaN where unknown.
     rotation: np.ndarray | None = field(default=None, repr=False)
     cells: Cells | None = field(default=None, repr=False)  # for text files of markers
-    remarks: tuple[str, ...] = ()  # what is doubtful in the file
+    remarks: tuple[str, ...] = ()  # doubts about the file
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +199,7 @@ def _our_names(raw: RawMarkers, form: MarkerFormat, place: str) -> list[str | No
     known = [name for name in ours if name is not None]
     if not known:
         raise BodysenseError(
-            f"{place}: no marker of a glove among {listed(raw.names)}; say where they sit with --marker-set, or give "
+            f"{place}: no marker of a glove among {listed(raw.names)}; give their positions with --marker-set, or "
             "a table of names with --names (docs/gloves.md)"
         )
     twice = [name for name in known if known.count(name) > 1]

@@ -91,7 +91,7 @@ def _separator(line: str) -> str:
 
 
 def _check_named(path: Path, number: int, names: list[str], rows: Rows, announced: str) -> None:
-    """Refuse names that are not those of the columns. The columns decide if NumMarkers says otherwise."""
+    """Refuse names that are not those of the columns. If NumMarkers differs, the columns decide."""
     widths = {len(row) - 2 - (3 * len(names) < len(row) - 2 and row[-1] == "") for _, row in rows}
     if announced and whole(path, announced, "NumMarkers") != len(names) and widths != {3 * len(names)}:
         raise BodysenseError(

@@ -1,7 +1,7 @@
 """Names of joints: the words in them (`names.toml`), and which of our joints a list of names means.
 
-Trees of joints take words as evidence beside their structure. Lists without a tree, such as markers named after joints,
-have nothing else.
+In a tree of joints, words add to the evidence of its structure. In a list without a tree, such as markers named after
+joints, they are the only evidence.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Structure: the body in a tree whose names do not tell its limbs, by tree shape, symmetry, lengths and directions.
+"""Structure: the body in a tree without useful names, found by tree shape, symmetry, lengths and directions.
 
 A limb is a pair of chains that mirror each other, whose lengths and bends are those of a leg or an arm. Names count as
-evidence, and half a body is one by names alone. Without names feet and knees tell left from right, and positions tell
-one finger from another.
+evidence, and half a body is one by names alone. Without names, feet and knees give left and right, and positions
+identify fingers.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def searched_body(tree: Tree) -> Body:
     """Return the body in a tree. Raises BodysenseError if there is no body."""
     points, pairs = named_points(tree), _mirrored_pairs(tree)
     named: dict[Kind, Limb] = {kind: limb for kind in ROLES if (limb := named_limb(tree, points, kind))}
-    if len(named) < len(ROLES):  # otherwise names told a body that is not a person's
+    if len(named) < len(ROLES):  # otherwise names gave a body that is not a person's
         legs, arms = ([named[kind]] if kind in named else _candidates(tree, pairs, kind) for kind in ROLES)
         if found := _best(legs, arms, pairs):
             limbs, penalty = found
@@ -265,7 +265,7 @@ def left_of(limbs: Limbs) -> tuple[int, int, tuple[str, ...]]:
     if named and abs(seen) > 1 and (named > 0) != (seen > 0):
         remarks = ("left and right are as its names say, though its feet point backward",)
     elif not named and abs(seen) < _GUESS:
-        remarks = ("which side is left is a guess: no name, foot or knee tells",)
+        remarks = ("which side is left is a guess: no name, foot or knee decides",)
     left_leg = int(named < 0 if named else seen <= 0)
     return left_leg, 1 - left_leg if crossed else left_leg, remarks
 

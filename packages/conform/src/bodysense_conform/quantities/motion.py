@@ -15,7 +15,7 @@ _KICK = 0.6  # weight of ankles in spikes: kicks are fast, and takes by markers 
 _MOVING = 0.15  # m/s; a body whose points move slower on average is too slow for stutter to be judged
 _STEADY = 0.75  # of the mean of both neighbours' steps: shorter mean steps turn, and predict nothing
 _STALLED, _REPEATS = 0.02, 1e-6  # m/s of the faster joints in a stall, and in one that repeats a frame
-_ABRUPT = 0.15  # m/s of the faster joints in the frames beside a stall
+_ABRUPT = 0.15  # m/s of the faster joints in the frames around a stall
 _BASE = 0.25  # s over which slowness is measured, so that noise is no speed
 _SLOWEST = 1 / 15  # s between frames; over longer intervals third differences contain motion
 _THIRD = 6.88  # median length of the third difference of white noise of size 1 in each of three directions
@@ -31,7 +31,7 @@ def spike(subject: Subject, joint: str) -> Series:
     place = subject.line("pelvis", joint)
     before, after = later(place, -1), later(place, 1)
     middle = (4 * (before + after) - later(place, -2) - later(place, 2)) / 6
-    # A fast limb curves in the frames beside a spike, too; a spike of one frame leaves the path between them short.
+    # A fast limb curves in the frames around a spike, too; a spike of one frame leaves the path between them short.
     beside = norm(after - before) / 2
     return coarse * (_KICK if joint.endswith("_ankle") else 1) * (norm(place - middle) - beside)
 
