@@ -1,4 +1,4 @@
-"""bodysense for Blender: holes of an armature's take are filled, and live bodies received."""
+"""bodysense for Blender: fill holes of an armature's take, and receive live bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""BVH as the add-on writes and reads it: the root with a place, every other bone with a rotation. Pure Python.
+"""BVH files of the add-on: a position of the root, a rotation of every bone. Pure Python.
 
 Blender's own reader is not used: it makes a new armature, and in some packages it does not run.
 """
@@ -72,7 +72,7 @@ def _numbers(vector: Vector) -> str:
 def read_rows(text: str, joints: Sequence[Joint]) -> list[list[float]]:
     """Return the rows of a file that was written on the same joints.
 
-    Raises Fault if the joints or their channels are others.
+    Raises Fault if the joints or their channels differ.
     """
     head, _, motion = text.partition("MOTION")
     names = re.findall(r"^\s*(?:ROOT|JOINT)\s+(\S+)", head, re.MULTILINE)

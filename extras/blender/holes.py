@@ -1,4 +1,4 @@
-"""Frames of bones that are missing, and the text in which `bodysense track --missing` takes them. Pure Python."""
+"""Missing frames of bones, and their text for `bodysense track --missing`. Pure Python."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bones of known humanoids, and which device tracks which of them. Pure Python."""
+"""Bones of known humanoids, and the devices that track them. Pure Python."""
 
 from __future__ import annotations
 
@@ -91,9 +91,9 @@ UNITY = _family(*_FAMILIES["unity"])
 
 
 def joints_of(bones: Sequence[str]) -> dict[str, str]:
-    """Return our joint → bone, of the family of names of which most bones are there.
+    """Return {our joint: bone} of the family of names that matches most bones.
 
-    A prefix that ends with a colon, and Rigify's DEF-, do not count.
+    A prefix that ends with a colon, and Rigify's DEF-, are ignored.
     """
     bare = {bone.rpartition(":")[2].removeprefix("DEF-"): bone for bone in bones}
     known = [_family(*family) for family in _FAMILIES.values()]

@@ -20,7 +20,7 @@ from .fault import Fault
 from .process import environment, error_line, progress
 
 Steps = Iterator[tuple[str, bool]]
-_LONGEST = 65_536  # bytes of what was printed last, for the newest progress
+_LONGEST = 65_536  # bytes of the last output, for the newest progress
 
 
 def steps(

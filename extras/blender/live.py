@@ -13,37 +13,39 @@ from mathutils import Quaternion, Vector
 from . import armature
 from .fault import Fault
 from .humanoid import UNITY, joints_of
-from .osc import Placed, Poses
+from .osc import BonePose, Poses
 
 _TICK = 1 / 60  # s
 _MOST = 256  # datagrams in one tick
 _LARGEST = 65_536  # bytes
 
 
-def to_world(placed: Placed) -> tuple[Vector, Quaternion]:
+def to_world(bone_pose: BonePose) -> tuple[Vector, Quaternion]:
     """Return position and rotation in Blender's world, where bodies face -Y."""
-    (x, y, z), (i, j, k, w) = placed.position, placed.rotation
+    (x, y, z), (i, j, k, w) = bone_pose.position, bone_pose.rotation
     return Vector((-x, -z, y)), Quaternion((w, i, k, -j)).normalized()
 
 
-def pose_armature(thing: bpy.types.Object, bones: dict[str, str], pose: dict[str, Placed], scale: float) -> list[tuple]:
+def pose_armature(
+    thing: bpy.types.Object, bones: dict[str, str], pose: dict[str, BonePose], scale: float
+) -> list[tuple]:
     """Pose an armature.
 
     Args:
         thing: the armature.
         bones: Unity's name → the armature's bone.
-        pose: Unity's name → what VMC sent, and 'Root'.
+        pose: Unity's name, or 'Root', → the pose from VMC.
         scale: of positions, armature by sender.
 
     Returns the (bone, property) that were set.
     """
     axes, changed = thing.matrix_world.to_quaternion().inverted(), []
     origin, heading = to_world(pose["Root"]) if "Root" in pose else (Vector(), Quaternion())
-    for name, placed in pose.items():
+    for name, bone_pose in pose.items():
         if name not in bones:
             continue
         bone = thing.pose.bones[bones[name]]
-        position, turned = to_world(placed)
+        position, turned = to_world(bone_pose)
         if name == "Hips":
             place = (origin + heading @ position) * scale
             armature.place(bone, thing.matrix_world.inverted() @ place)
@@ -107,35 +109,35 @@ class BODYSENSE_OT_receive(bpy.types.Operator):
             data.action = bpy.data.actions.new(f"{self._thing.name} live")
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Pose the armature by the newest of the poses that came; record all at their frames."""
+        """Pose the armature by the newest received pose; record all at their frames."""
         if event.type == "ESC":
             return self._ended(context)
         if event.type != "TIMER":
             return {"PASS_THROUGH"}
-        came = self._came()
+        received = self._received_poses()
         try:
-            for pose in came if self.record else came[-1:]:
+            for pose in received if self.record else received[-1:]:
                 self._show(context, pose)
         except (ReferenceError, KeyError):
             self.report({"ERROR"}, "the armature was changed or removed while it received poses; start again")
             return self._ended(context)
         return {"PASS_THROUGH"}
 
-    def _came(self) -> list[dict[str, Placed]]:
-        """Return the poses that came since the last tick; malformed datagrams are left out."""
-        came: list[dict[str, Placed]] = []
+    def _received_poses(self) -> list[dict[str, BonePose]]:
+        """Return the poses received since the last tick; malformed datagrams are skipped."""
+        received: list[dict[str, BonePose]] = []
         for _ in range(_MOST):
             try:
                 packet = self._socket.recv(_LARGEST)
             except (BlockingIOError, ConnectionResetError):
                 break
             try:
-                came += self._poses.take(packet)
+                received += self._poses.take(packet)
             except ValueError as error:
                 self.report({"WARNING"}, f"a datagram was left out: {error}")
-        return came
+        return received
 
-    def _show(self, context: bpy.types.Context, pose: dict[str, Placed]) -> None:
+    def _show(self, context: bpy.types.Context, pose: dict[str, BonePose]) -> None:
         changed = pose_armature(self._thing, self._bones, pose, self.scale)
         self._received += 1
         if self.record:

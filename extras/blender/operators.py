@@ -11,9 +11,9 @@ from .humanoid import DEVICES, device_of
 from .preferences import start_words
 from .process import complete_command, fill_command
 
-_TICK = 0.05  # s between two looks at the process
-_SLICE = 0.03  # s of work in one look
-_WAIT = 0.02  # s between two looks where there is no interface
+_TICK = 0.05  # s between two polls of the process
+_SLICE = 0.03  # s of work in one poll
+_WAIT = 0.02  # s between two polls without an interface
 
 
 class _Modal:
@@ -131,7 +131,7 @@ class BODYSENSE_OT_complete(_Modal, bpy.types.Operator):
     )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask what is tracked."""
+        """Ask for the device."""
         return context.window_manager.invoke_props_dialog(self)
 
     def steps(self, context: bpy.types.Context) -> job.Steps:

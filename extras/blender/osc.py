@@ -19,7 +19,7 @@ _BONE, _ROOT = "/VMC/Ext/Bone/Pos", "/VMC/Ext/Root/Pos"
 
 
 @dataclass(frozen=True)
-class Placed:
+class BonePose:
     """Position (x, y, z) in metres and rotation (x, y, z, w), in Unity's axes."""
 
     position: tuple[float, float, float]
@@ -28,24 +28,24 @@ class Placed:
 
 @dataclass
 class Poses:
-    """Bones that came and are not yet a pose: `take` returns each pose that a packet ends."""
+    """Received bones of an incomplete pose; `take` returns each pose that a packet completes."""
 
-    bones: dict[str, Placed] = field(default_factory=dict)
+    bones: dict[str, BonePose] = field(default_factory=dict)
 
-    def take(self, packet: bytes) -> list[dict[str, Placed]]:
-        """Take in a datagram; return its poses, with the root as 'Root'. Malformed datagrams raise ValueError."""
-        poses: list[dict[str, Placed]] = []
+    def take(self, packet: bytes) -> list[dict[str, BonePose]]:
+        """Read a datagram; return the poses it completes, with the root as 'Root'. Raises ValueError if malformed."""
+        poses: list[dict[str, BonePose]] = []
         for address, arguments in messages(packet):
             if address in (_BONE, _ROOT):
-                name, placed = _placed(address, arguments)
-                self.bones[name if address == _BONE else "Root"] = placed
+                name, bone_pose = _bone_pose(address, arguments)
+                self.bones[name if address == _BONE else "Root"] = bone_pose
             elif address in _ENDS:
                 self._end(poses)
         if packet.startswith(_BUNDLE):
             self._end(poses)
         return poses
 
-    def _end(self, poses: list[dict[str, Placed]]) -> None:
+    def _end(self, poses: list[dict[str, BonePose]]) -> None:
         if self.bones:
             poses.append(self.bones)
             self.bones = {}
@@ -92,17 +92,17 @@ def _message(data: bytes) -> tuple[str, list[Argument]]:
 
 
 def _text(data: bytes, place: int) -> tuple[str, int]:
-    """Return the padded text at a place, and the place after it."""
+    """Return the padded text at a position, and the position after it."""
     end = data.find(b"\0", place)
     if end < 0:
         raise ValueError("a text without an end")
     return data[place:end].decode("utf-8"), (end // 4 + 1) * 4
 
 
-def _placed(address: str, arguments: list[Argument]) -> tuple[str, Placed]:
+def _bone_pose(address: str, arguments: list[Argument]) -> tuple[str, BonePose]:
     name, numbers = arguments[0] if arguments else None, arguments[1:8]
     good = [float(x) for x in numbers if isinstance(x, int | float) and abs(x) < float("inf")]
     if not isinstance(name, str) or len(good) < 7 or not any(good[3:]):
         raise ValueError(f"{address} is not a name, a position and a rotation")
     x, y, z, *rotation = good
-    return name, Placed((x, y, z), (rotation[0], rotation[1], rotation[2], rotation[3]))
+    return name, BonePose((x, y, z), (rotation[0], rotation[1], rotation[2], rotation[3]))

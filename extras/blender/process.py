@@ -46,7 +46,7 @@ def complete_command(start: Sequence[str], take: str, out: str, device: str) -> 
 
 
 def environment(given: Mapping[str, str]) -> dict[str, str]:
-    """Return the variables under which bodysense prints its progress although no terminal is there."""
+    """Return environment variables that make bodysense print its progress without a terminal."""
     return {**given, "FORCE_COLOR": "1", "COLUMNS": "100", "PYTHONUTF8": "1"}
 
 
@@ -57,6 +57,6 @@ def progress(printed: str) -> int | None:
 
 
 def error_line(printed: str, status: int) -> str:
-    """Return the one line with which a failed run ended."""
+    """Return the one-line error of a failed run."""
     lines = [line.strip() for line in _COLOUR.sub("", printed).splitlines() if line.strip()]
     return lines[-1] if lines else f"bodysense ended with status {status} and no message"

@@ -270,17 +270,17 @@ def _check_images(path: Path) -> None:
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
     """Read an AMASS, SMPL or glTF file; return its clip and lines that describe it. `rate` Hz if the file has none."""
     from bodysense.io.datasets.sources import Source as MotionEntry
-    from bodysense.io.datasets.sources import as_told, read_amass_source
+    from bodysense.io.datasets.sources import apply_options, read_amass_source
     from bodysense.io.smpl import is_smpl, read_smpl
 
     if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate, options.smpl_model)
-        return as_told(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
+        return apply_options(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
     if path.suffix.lower() in _GLTF:
         from bodysense.io.gltf.motion import read_gltf
 
         clip, remarks = read_gltf(path, options.joints)
-        return as_told(clip, replace(options, joints=None), "glTF files", "y"), tuple(
+        return apply_options(clip, replace(options, joints=None), "glTF files", "y"), tuple(
             f"note: {remark}" for remark in remarks
         )
     clip, placement = read_amass_source(MotionEntry(path, person="", split="test"), options)
@@ -312,7 +312,7 @@ def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions)
     _refuse_options(path, "a recording", replace(markers, marker_set=None))
     recording = read_recording(path)
     if glove_hands(recording.observation.points):
-        recording = replace(recording, worn=markers.worn())
+        recording = replace(recording, glove_set=markers.glove_set())
     return _recording_source(str(path), recording, reading)
 
 
@@ -347,7 +347,7 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
         with_hands_of(body, hands),
         known=not found.has_body,
         measures_hands=bool(glove_hands(found.observation.points)),
-        worn=markers.worn(),
+        glove_set=markers.glove_set(),
     )
     remarks = (*(f"note: {line}" for line in found.remarks), *sized)
     return MarkerSource(str(path), path, recording, remarks, found.warnings, found)

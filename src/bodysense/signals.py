@@ -81,7 +81,7 @@ def _calibrated_hands(recording: Recording) -> dict[str, GlovedHand] | None:
 
     if not recording.measures_hands and has_standard_gloves(recording.observation):
         return None
-    return calibrated_hands(recording.observation, recording.worn)
+    return calibrated_hands(recording.observation, recording.glove_set)
 
 
 def refuse(name: str, kind: str, **options: object) -> None:

@@ -1,4 +1,4 @@
-"""A performance of every pose and gesture by a body of the shape space, as a faultless tracker would give it out."""
+"""Performance of every pose and gesture by a body of the shape space, as a faultless tracker reports it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Angles = dict[str, np.ndarray]  # rotation vectors (3,) by joint, rad
 
 
 def about(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    """Return a rotation vector in rad of degrees."""
+    """Return a rotation vector in radians from degrees."""
     return np.radians([x, y, z])
 
 
@@ -82,8 +82,11 @@ def script() -> list[tuple[str, float, list[tuple[float, Angles]]]]:
         steps.append((f"{side}_leg_raise", 2.0, [(0.0, stand), (0.5, stand | leg(side, 60, 60)), (1.0, stand)]))
     lifts = [(k / 16, stand | leg(SIDES[k % 4 // 2], 55, 65) if k % 2 else stand) for k in range(17)]
     steps.append(("march", 9.6, lifts))
-    seat = stand | ARMS_AHEAD | leg("left", 88, 88) | leg("right", 88, 88)
-    steps += [("sit", 3.0, [(0.35, seat), (0.9, seat), (1.0, seat)]), ("flat", 1.5, [(0.3, HANG), (1.0, HANG)])]
+    sitting = stand | ARMS_AHEAD | leg("left", 88, 88) | leg("right", 88, 88)
+    steps += [
+        ("sit", 3.0, [(0.35, sitting), (0.9, sitting), (1.0, sitting)]),
+        ("flat", 1.5, [(0.3, HANG), (1.0, HANG)]),
+    ]
     steps.append(("fist", 1.5, [(0.3, HANG | FIST), (1.0, HANG | FIST)]))
     for finger in FINGERS:
         steps.append((f"pinch_{finger}", 1.5, [(0.3, HANG | pinch(finger)), (1.0, HANG | pinch(finger))]))
@@ -153,7 +156,7 @@ def performed() -> tuple[Pose, list[Step]]:
 
 
 def given_out(pose: Pose, steps: Sequence[Step]) -> Subject:
-    """A performance as a tracker gives it out that loses a wrist for a second and is taken off once."""
+    """Performance from a tracker that loses a wrist for a second and is taken off once."""
     time = np.arange(len(pose.rotation)) / RATE
     subject = pose_subject("clean", "MCAP", pose, time)
     off = next(step for step in steps if step.label == "remount")
@@ -177,5 +180,5 @@ def given_out(pose: Pose, steps: Sequence[Step]) -> Subject:
 
 @pytest.fixture(scope="session")
 def clean(performed: tuple[Pose, list[Step]]) -> Subject:
-    """The performance as a subject that answers every check, and passes it."""
+    """The performance as a subject that passes every check."""
     return given_out(*performed)

@@ -18,7 +18,7 @@ from .conftest import about, given_out
 
 @dataclass(frozen=True)
 class Performance:
-    """A faultless performance, as a subject and as the pose and script that it was made from."""
+    """A faultless performance: the subject, and its pose and script."""
 
     subject: Subject
     pose: Pose
@@ -46,7 +46,7 @@ Spoil = Callable[[Performance, float], Subject]
 
 @dataclass(frozen=True)
 class Defect:
-    """A way to spoil a performance by some size."""
+    """A defect of a given size."""
 
     name: str
     spoil: Spoil
@@ -61,8 +61,8 @@ def below(joint: str) -> list[str]:
     return [name for k, name in enumerate(ours.points) if joint == "pelvis" or ours.path[k, ours.index(joint)]]
 
 
-def moved(subject: Subject, names: Sequence[str], by: Any, frames: Any = slice(None)) -> Subject:
-    """Return a subject with points elsewhere: `by` (3,) or (T, 3) m."""
+def shift(subject: Subject, names: Sequence[str], by: Any, frames: Any = slice(None)) -> Subject:
+    """Return a subject with some points moved by `by`, (3,) or (T, 3) m."""
     position = subject.position.copy()
     by = np.broadcast_to(by, (len(subject), 3))[frames, None]
     columns = subject.columns([name for name in names if name in subject.points])
@@ -75,8 +75,8 @@ def _stands(subject: Subject) -> np.ndarray:
     return ~subject.within("march", "left_leg_raise", "right_leg_raise", "other")
 
 
-def showing(subject: Subject, frames: np.ndarray) -> Subject:
-    """Return a subject that gives out the poses of other frames (T,) at its own times."""
+def reorder_frames(subject: Subject, frames: np.ndarray) -> Subject:
+    """Return a subject with the poses of frames `frames` (T,) at its own times."""
     return replace(subject, position=subject.position[frames], rotation=subject.rotation[frames])
 
 
@@ -108,11 +108,11 @@ def _twice(subject: Subject, share: float) -> Subject:
     frames = np.arange(len(subject))
     again = np.flatnonzero(np.random.default_rng(0).random(len(frames) // 2) < share)
     frames[2 * again + 1] = frames[2 * again]
-    return showing(subject, frames)
+    return reorder_frames(subject, frames)
 
 
 def _frozen(subject: Subject, start: np.ndarray, frozen: np.ndarray) -> Subject:
-    return showing(subject, np.where(frozen, np.searchsorted(subject.time, start), np.arange(len(subject))))
+    return reorder_frames(subject, np.where(frozen, np.searchsorted(subject.time, start), np.arange(len(subject))))
 
 
 def _available(subject: Subject, delay: np.ndarray | float) -> Subject:
@@ -129,18 +129,18 @@ def _late(subject: Subject, ms: float) -> Subject:
 
 def _shin(subject: Subject, percent: float) -> Subject:
     longer = percent / 100 * (np.arange(len(subject)) % 2)[:, None]
-    return moved(
+    return shift(
         subject, below("left_ankle"), np.nan_to_num(longer * (subject.at("left_ankle") - subject.at("left_knee")))
     )
 
 
 def _neck(subject: Subject, cm: float) -> Subject:
     bone = subject.at("head") - subject.at("neck")
-    return moved(subject, below("head"), np.nan_to_num(cm / 100 * bone / np.linalg.norm(bone, axis=-1, keepdims=True)))
+    return shift(subject, below("head"), np.nan_to_num(cm / 100 * bone / np.linalg.norm(bone, axis=-1, keepdims=True)))
 
 
 def _pelvis(performance: Performance, degrees: float) -> Subject:
-    """The pelvis turned, its children where they were in the world of rotations."""
+    """Turn the pelvis; its children keep their world rotations."""
     turn, rotation = quaternion_exp(about(y=degrees)), np.array(performance.pose.rotation)
     rotation[:, 0] = quaternion_multiply(rotation[:, 0], turn)
     for name in ("left_hip", "right_hip", "spine1"):
@@ -150,13 +150,13 @@ def _pelvis(performance: Performance, degrees: float) -> Subject:
 
 
 def _noise(subject: Subject, mm: float, joint: str) -> Subject:
-    return moved(subject, below(joint), np.random.default_rng(1).normal(0, mm / 1000, (len(subject), 3)))
+    return shift(subject, below(joint), np.random.default_rng(1).normal(0, mm / 1000, (len(subject), 3)))
 
 
 def _glide(subject: Subject, cm: float) -> Subject:
-    """The feet go and come back twice within four seconds of standing, the knees with them."""
+    """Move feet and knees away and back twice within four seconds of standing."""
     there = cm / 200 * (1 - np.cos(np.pi * np.clip(subject.time - 3, 0, 4)))
-    return moved(subject, [*below("left_knee"), *below("right_knee")], np.outer(there, [0, 0, 1]))
+    return shift(subject, [*below("left_knee"), *below("right_knee")], np.outer(there, [0, 0, 1]))
 
 
 def _each(part: str, vector: np.ndarray) -> dict[str, np.ndarray]:
@@ -188,7 +188,7 @@ NAMED = (
     Defect("late content (ms)", lambda p, x: _late(p.subject, x), 100, 65, ("time.lag",)),
     Defect(
         "drift (cm/s)",
-        lambda p, x: moved(p.subject, p.subject.points, np.outer(p.subject.time, [x / 100, 0, 0])),
+        lambda p, x: shift(p.subject, p.subject.points, np.outer(p.subject.time, [x / 100, 0, 0])),
         1.0,
         0.8,
         ("motion.drift",),
@@ -215,7 +215,7 @@ NAMED = (
     Defect("knees backward (°)", lambda p, x: p.turned(_each("knee", about(x=-x))), 20, 12, ("joints.knees_forward",)),
     Defect(
         "soles under a known floor (cm)",
-        lambda p, x: moved(p.subject, p.subject.points, [0, -x / 100, 0]),
+        lambda p, x: shift(p.subject, p.subject.points, [0, -x / 100, 0]),
         4.0,
         3.2,
         ("floor.sunk",),
@@ -230,7 +230,7 @@ NAMED = (
     Defect("gliding feet (cm)", lambda p, x: _glide(p.subject, x), 10, 10, ("floor.glide",)),
     Defect(
         "spike of a wrist (cm)",
-        lambda p, x: moved(p.subject, below("left_wrist"), [0, 0, x / 100], slice(100, 101)),
+        lambda p, x: shift(p.subject, below("left_wrist"), [0, 0, x / 100], slice(100, 101)),
         30,
         28,
         ("motion.spike",),
@@ -250,7 +250,7 @@ def _timed(subject: Subject, time: np.ndarray) -> Subject:
 
 
 def _swapped(subject: Subject, one: str, other: str) -> Subject:
-    """Two parts of the body, and what hangs on them, under each other's names."""
+    """Swap the names of two parts of the body and of their descendants."""
     columns, others = (subject.columns([n for n in subject.points if n in below(part)]) for part in (one, other))
     position, rotation = subject.position.copy(), subject.rotation.copy()
     position[:, [*columns, *others]] = subject.position[:, [*others, *columns]]
@@ -259,7 +259,7 @@ def _swapped(subject: Subject, one: str, other: str) -> Subject:
 
 
 def _steps(performance: Performance, label: str, turns: dict[str, np.ndarray]) -> Subject:
-    """Joints held at angles while a step lasts; the pelvis stays where it is."""
+    """Hold joints at angles during a step; the pelvis keeps its position."""
     rotation, subject = np.array(performance.pose.rotation), performance.subject
     for step in subject.labelled(label):
         for name, vector in turns.items():
@@ -313,7 +313,7 @@ OTHERS: dict[str, Callable[[Performance], Subject]] = {
             quaternion_exp(0.5 * np.sin(0.05 * np.arange(len(turn)))[:, None, None] * np.ones((1, turn.shape[1], 3))),
         ),
     ),
-    "shape.bones": lambda p: moved(p.subject, below("left_wrist"), np.outer(0.03 * np.sin(p.subject.time), [1, 0, 0])),
+    "shape.bones": lambda p: shift(p.subject, below("left_wrist"), np.outer(0.03 * np.sin(p.subject.time), [1, 0, 0])),
     "shape.symmetry": lambda p: p.scaled({"left_wrist": 1.2}),
     "shape.human": lambda p: p.scaled({f"{side}_{part}": 1.8 for side in SIDES for part in ("collar", "shoulder")}),
     "joints.knees": lambda p: p.turned({"left_knee": about(y=120)}),
@@ -329,7 +329,7 @@ OTHERS: dict[str, Callable[[Performance], Subject]] = {
             p.subject.rotation,
         ),
     ),
-    "motion.teleport": lambda p: moved(p.subject, p.subject.points, [0.7, 0, 0], p.subject.time > 5),
+    "motion.teleport": lambda p: shift(p.subject, p.subject.points, [0.7, 0, 0], p.subject.time > 5),
     "motion.flip": lambda p: replace(
         p.subject,
         rotation=np.where(
@@ -344,21 +344,21 @@ OTHERS: dict[str, Callable[[Performance], Subject]] = {
             turn, quaternion_exp(np.random.default_rng(1).normal(0, 0.06, (*turn.shape[:-1], 3)))
         ),
     ),
-    "motion.alive": lambda p: showing(p.subject, 0 * np.arange(len(p.subject))),
-    "floor.level": lambda p: moved(p.subject, p.subject.points, [0, 0.2, 0]),
-    "floor.hover": lambda p: moved(
+    "motion.alive": lambda p: reorder_frames(p.subject, 0 * np.arange(len(p.subject))),
+    "floor.level": lambda p: shift(p.subject, p.subject.points, [0, 0.2, 0]),
+    "floor.hover": lambda p: shift(
         p.subject,
         p.subject.points,
         np.outer(0.5 * np.clip(np.minimum(p.subject.time - 2, 8 - p.subject.time), 0, 1), [0, 1, 0]),
     ),
-    "floor.idle_steps": lambda p: moved(
+    "floor.idle_steps": lambda p: shift(
         p.subject,
         below("left_ankle"),
         np.outer(_stands(p.subject) * 0.05 * np.sin(4 * np.pi * p.subject.time), [1, 0, 0]),
     ),
-    "tracking.loss": lambda p: moved(p.subject, below("left_wrist"), [0, 0, 0.2], slice(130, 140)),
-    "tracking.return": lambda p: moved(p.subject, below("left_wrist"), [0, 0, 0.2], slice(140, 150)),
-    "tracking.same_body": lambda p: moved(
+    "tracking.loss": lambda p: shift(p.subject, below("left_wrist"), [0, 0, 0.2], slice(130, 140)),
+    "tracking.return": lambda p: shift(p.subject, below("left_wrist"), [0, 0, 0.2], slice(140, 150)),
+    "tracking.same_body": lambda p: shift(
         p.subject,
         below("left_wrist"),
         np.nan_to_num(0.1 * (p.subject.at("left_wrist") - p.subject.at("left_elbow"))) * (p.subject.time > 55)[:, None],
@@ -382,4 +382,4 @@ OTHERS: dict[str, Callable[[Performance], Subject]] = {
         ),
     ),
 }
-"""One defect for checks that the named defects do not reach; the check of the name must find it."""
+"""One defect for each check that the named defects do not cover; the check of that name must find it."""

@@ -46,7 +46,7 @@ def test_a_check_finds_its_defect(name: str, performance: Performance) -> None:
 
 
 def test_most_checks_have_a_defect() -> None:
-    """Those without are the performer's angles, which evaluate nothing but a bend or a height in a step."""
+    """Checks without a defect measure the performer's angles: a bend or a height in a step."""
     reached = set(OTHERS).union(*(defect.checks for defect in NAMED))
     blamed = {check.id for check in table().checks if check.blame == "device"}
     assert reached <= {check.id for check in table().checks}

@@ -1,4 +1,4 @@
-"""This project's own tracker before its referee."""
+"""The referee's verdict on this project's tracker."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from bodysense_conform.table import table
 from .conftest import HANG, RATE, RELAXED, about, both, given_out, leg, planted, swung
 
 
-def test_who_sits_with_hands_in_the_lap_has_feet_on_the_floor_by_head_and_hands_alone() -> None:
-    """The network does not know arms that are stretched ahead in a seat (docs/conform.md)."""
+def test_feet_of_a_seated_wearer_are_on_the_floor_from_head_and_hands() -> None:
+    """Hands are in the lap: the network was not trained on seated bodies with stretched arms (docs/conform.md)."""
     skeleton, stand = default_skeleton().with_offsets(sample_bodies("test", 3)[2]), HANG | RELAXED
     lap = (
         stand

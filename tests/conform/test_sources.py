@@ -1,4 +1,4 @@
-"""Files and streams as subjects: what one format says, all say; what cannot be read is refused in one line."""
+"""Files and streams as subjects: all formats give the same body; unreadable files are refused in one line."""
 
 from __future__ import annotations
 
@@ -84,10 +84,10 @@ def test_a_record_without_a_body_is_one_that_tracks_nothing() -> None:
 
 def test_reports_hold_every_finding(clean: Subject) -> None:
     verdict = judge(replace(clean, rotation=1.01 * clean.rotation, name="<a & b>\x00"))
-    said = json.loads(json.dumps(record(verdict), allow_nan=False))
-    assert said["judgement"] == "fail"
-    assert len(said["findings"]) == len(verdict.findings)
-    assert said["unanswered"] == verdict.unanswered and verdict.unanswered
+    report = json.loads(json.dumps(record(verdict), allow_nan=False))
+    assert report["judgement"] == "fail"
+    assert len(report["findings"]) == len(verdict.findings)
+    assert report["unanswered"] == verdict.unanswered and verdict.unanswered
     text = page(verdict)
     assert "data.unit_quaternions" in text and "&lt;a &amp; b&gt;" in text
     assert all(reason in text for reason in ("time.lag", "no reference"))
@@ -120,7 +120,7 @@ def test_the_command_says_by_its_status_what_was_found(clip: Clip, tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "message"),
     [
         ("a.mcap", b"no container", "not a whole MCAP file"),
         ("a.glb", b"glTF\x02", "a .glb file without its JSON"),
@@ -130,14 +130,14 @@ def test_the_command_says_by_its_status_what_was_found(clip: Clip, tmp_path: Pat
         ("a.bvh", b"nothing", "is not a BVH file"),
     ],
 )
-def test_what_cannot_be_read_is_refused(name: str, content: bytes, said: str, tmp_path: Path) -> None:
+def test_unreadable_files_are_refused(name: str, content: bytes, message: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(BodysenseError, match=said):
+    with pytest.raises(BodysenseError, match=message):
         read_subject(tmp_path / name)
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("nothing", "is not JSON"),
         ("[]", "has no 'steps'"),
@@ -146,10 +146,10 @@ def test_what_cannot_be_read_is_refused(name: str, content: bytes, said: str, tm
         (json.dumps({"steps": [{"label": "squat", "start": 1}]}), "has no 'end'"),
     ],
 )
-def test_a_broken_script_is_refused(text: str, said: str, tmp_path: Path) -> None:
+def test_a_broken_script_is_refused(text: str, message: str, tmp_path: Path) -> None:
     path = tmp_path / "s.json"
     path.write_text(text)
-    with pytest.raises(BodysenseError, match=said):
+    with pytest.raises(BodysenseError, match=message):
         read_script(path)
 
 

@@ -21,7 +21,7 @@ from bodysense_conform.sources.files import clip_subject
 from bodysense_conform.subject import Step, Subject, is_finger
 from bodysense_conform.table import Check, CheckTable, table
 
-from .defects import kept, moved
+from .defects import kept, shift
 
 _LIMITED = [check for check in table().checks if check.least is not None or check.most is not None]
 _DATA_CLIPS = 24  # of the motion data, evenly spread
@@ -105,7 +105,7 @@ def test_hands_that_are_honestly_missing_do_not_fail(clean: Subject, garbage: fl
 
 
 def test_an_unknown_floor_is_where_the_lower_sole_usually_is(clean: Subject) -> None:
-    leaps = moved(clean, clean.points, [0.0, 0.4, 0.0], np.arange(len(clean)) % 5 == 0)
+    leaps = shift(clean, clean.points, [0.0, 0.4, 0.0], np.arange(len(clean)) % 5 == 0)
     assert abs(replace(leaps, floor=None).ground - clean.ground) < 0.03
 
 
@@ -129,7 +129,7 @@ def test_a_missing_answer_to_a_required_check_is_not_enough(clean: Subject) -> N
     assert judge(short, length).judgement == "not enough"
 
 
-def test_a_performer_who_does_not_move_is_asked_again(clean: Subject) -> None:
+def test_a_still_performer_must_repeat_the_take(clean: Subject) -> None:
     still = kept(clean, np.flatnonzero(clean.time < 9))  # the head sways like a living one's
     verdict = judge(replace(still, steps=(Step("other", 0.0, 9.0),)))
     assert set(_faults(verdict)) == {"motion.moves"} and verdict.judgement == "retake"

@@ -130,9 +130,9 @@ def ticked(operator: type, stop: Callable[[list], bool], **given: object) -> dic
     plain = {
         name: value for base in ours for name, value in vars(base).items() if isinstance(value, types.FunctionType)
     }
-    said, window = [], Window()
-    one: Any = type("Driven", (), {**plain, "report": lambda self, level, text: said.append(text), **given})()
-    assert one.execute(window) == {"RUNNING_MODAL"}, said
+    reports, window = [], Window()
+    one: Any = type("Driven", (), {**plain, "report": lambda self, level, text: reports.append(text), **given})()
+    assert one.execute(window) == {"RUNNING_MODAL"}, reports
     ended, longest = {"PASS_THROUGH"}, 0.0
     while ended == {"PASS_THROUGH"}:
         key = "ESC" if stop(window.texts) else "TIMER"
@@ -140,7 +140,7 @@ def ticked(operator: type, stop: Callable[[list], bool], **given: object) -> dic
         ended = one.modal(window, types.SimpleNamespace(type=key))
         longest = max(longest, time.perf_counter() - begun)
         time.sleep(0.01)
-    return {"ended": list(ended), "texts": window.texts, "longest": longest, "said": said}
+    return {"ended": list(ended), "texts": window.texts, "longest": longest, "reports": reports}
 
 
 interface = types.SimpleNamespace(app=types.SimpleNamespace(background=False), types=bpy.types, data=bpy.data)

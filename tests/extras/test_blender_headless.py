@@ -1,4 +1,4 @@
-"""The add-on in Debian's Blender: holes are filled, known bones stay, live poses are where the server's are."""
+"""The add-on in Debian's Blender: holes are filled, known bones are unchanged, live poses match the server's."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_live_poses_are_the_servers(found: dict[str, Any], clip: Clip) -> None:
 
 def test_the_timer_runs_a_job_in_slices(found: dict[str, Any]) -> None:
     ticked = found["ticked"]
-    assert ticked["ended"] == ["FINISHED"], ticked["said"]
+    assert ticked["ended"] == ["FINISHED"], ticked["reports"]
     texts = ticked["texts"]
     assert texts[0] == "reading frame 1 of 1-120"
     assert "bodysense starts (Esc cancels)" in texts
@@ -139,7 +139,7 @@ def test_esc_cancels_and_changes_nothing(found: dict[str, Any]) -> None:
 def test_datagrams_are_received_and_recorded(found: dict[str, Any]) -> None:
     received = found["received"]
     assert received["ended"] == ["FINISHED"]
-    assert received["said"] == ["a datagram was left out: a text without an end"]
+    assert received["reports"] == ["a datagram was left out: a text without an end"]
     keys = received["keys"]
     assert any("LeftHandIndex3" in name for name in keys)
     assert any(name.endswith("location 2") for name in keys)

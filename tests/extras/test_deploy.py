@@ -96,8 +96,8 @@ def test_probes_and_metrics_are_those_of_the_server() -> None:
                 assert answer.status == 200
         (monitored,) = PODS["PodMonitor", "bodysense"]["spec"]["podMetricsEndpoints"]
         bearer = {"Authorization": "Bearer secret-99"}
-        asked = urllib.request.Request(server.http + monitored["path"], headers=bearer)
-        with urllib.request.urlopen(asked, timeout=10) as answer:
+        requested = urllib.request.Request(server.http + monitored["path"], headers=bearer)
+        with urllib.request.urlopen(requested, timeout=10) as answer:
             text = answer.read().decode()
     named = PODS["HorizontalPodAutoscaler", "bodysense"]["spec"]["metrics"][1]["pods"]["metric"]["name"]
     assert f"\n{named}_seconds_total " in text

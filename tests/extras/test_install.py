@@ -34,7 +34,7 @@ pytestmark = pytest.mark.slow
 
 
 def files() -> list[str]:
-    """The files of the repository, those that are not committed yet too."""
+    """Files of the repository, including uncommitted ones."""
     command = ["git", "-C", str(ROOT), "ls-files", "-co", "--exclude-standard"]
     listed = subprocess.run(command, capture_output=True, text=True, check=False).stdout.splitlines()
     if not listed:
@@ -52,7 +52,7 @@ def copied(names: list[str], folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def repository(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A Git address of what is here now."""
+    """Git address of the working tree."""
     folder = copied(files(), tmp_path_factory.mktemp("repository"))
     who = ["-c", "user.name=test", "-c", "user.email=test@example.org"]
     for command in (["init", "-q"], ["add", "-A"], [*who, "commit", "-q", "-m", "test"]):
@@ -60,8 +60,8 @@ def repository(tmp_path_factory: pytest.TempPathFactory) -> str:
     return f"file://{folder}"
 
 
-def shown(page: str, first: str) -> list[str]:
-    """The words of the command that a page of the docs shows, beginning so."""
+def documented_command(page: str, first: str) -> list[str]:
+    """Return the words of the command on a page of the docs that begins with `first`."""
     line = next(line for line in (ROOT / "docs" / page).read_text().splitlines() if line.startswith(first))
     return shlex.split(line.partition(" #")[0])
 
@@ -69,7 +69,7 @@ def shown(page: str, first: str) -> list[str]:
 @pytest.mark.parametrize(("program", "first"), [("uv", "uvx --from"), ("pipx", "pipx run")])
 def test_a_demo_from_the_address_of_a_repository(repository: str, tmp_path: Path, program: str, first: str) -> None:
     pytest.importorskip(program, reason=f"needs {program}, of the extra deploy")
-    words = [word.replace("$REPOSITORY", repository) for word in shown("deploy.md", first)]
+    words = [word.replace("$REPOSITORY", repository) for word in documented_command("deploy.md", first)]
     start = ["uv", "tool", "run"] if program == "uv" else ["pipx"]
     run = [sys.executable, "-m", *start, *words[1:], "-o", str(tmp_path / "demo")]
     places = {"UV_CACHE_DIR": "uv", "UV_TOOL_DIR": "tools", "PIPX_HOME": "pipx"}
@@ -80,7 +80,7 @@ def test_a_demo_from_the_address_of_a_repository(repository: str, tmp_path: Path
 
 @contextmanager
 def served(command: list[str], **options: Any) -> Iterator[str]:
-    """The address of a server that is started so, with a free port."""
+    """Start a server on a free port and return its address."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with subprocess.Popen([*command, "--port", str(port)], **options) as server:
@@ -157,9 +157,9 @@ def test_the_dockerfile_makes_an_image_that_serves(tmp_path: Path) -> None:
     health = [str(word) for word in image.inspected()["Healthcheck"]["Test"][1:]]
     with image.running() as (container, address):
         has_page_and_network(address)
-        assert image.said_in(container, "id", "-u") == "10001"
+        assert image.container_output(container, "id", "-u") == "10001"
         port = address.rpartition(":")[2]
-        image.said_in(container, *(word.replace(":8765", f":{port}") for word in health))
+        image.container_output(container, *(word.replace(":8765", f":{port}") for word in health))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the program is run on Linux")

@@ -29,7 +29,7 @@ Reframe = Callable[..., Clip]
 
 @pytest.fixture
 def reframe() -> Reframe:
-    """The same motion on a skeleton whose rest pose is another: `rest` gives local rotations {joint: (4,)} of it."""
+    """Return the same motion on a skeleton with another rest pose: `rest` has local rotations {joint: (4,)}."""
 
     def change(clip: Clip, rest: Mapping[str, np.ndarray], names: Mapping[str, str] | None = None) -> Clip:
         skeleton = clip.pose.skeleton
@@ -55,7 +55,7 @@ def reframe() -> Reframe:
 
 @dataclass(frozen=True)
 class Release:
-    """A folder laid out as a published data set is, and the motion that was written into each of its files."""
+    """A folder in the layout of a published data set, and the motion written to each of its files."""
 
     folder: Path
     truth: dict[str, Clip]  # on our joints, by the key of the source
@@ -106,7 +106,7 @@ def meta_rig(twh: bool) -> list[Bone]:
     add("b_head_null" if twh else "End Site", "b_head", "head", "head_top", 1.0)
     for side, s in (("left", "l"), ("right", "r")):
         if twh:
-            add(f"b_{s}_eye", "b_head", "head", f"{side}_hip", 0.1)  # beside the middle
+            add(f"b_{s}_eye", "b_head", "head", f"{side}_hip", 0.1)  # next to the middle
         add(f"b_{s}_shoulder", "b_spine3", f"{side}_collar")
         add(f"p_{s}_scap", f"b_{s}_shoulder", f"{side}_collar", f"{side}_shoulder", 0.5)
         add(f"b_{s}_arm", f"p_{s}_scap", f"{side}_shoulder")
@@ -203,7 +203,7 @@ def taller(clip: Clip, height: float, first: int, count: int, rate: float) -> Cl
 
 @pytest.fixture
 def unoc(tmp_path: Path, waving_clip: Clip) -> Release:
-    """UNOC's release: 13 participants, 120 Hz, an A-pose at rest; and what of it is not body motion."""
+    """UNOC's release: 13 participants, 120 Hz, an A-pose at rest, and files without body motion."""
     rig, down = meta_rig(twh=False), rest_pose(default_skeleton())
     for side, sign in (("left", -1), ("right", 1)):
         down.rotation[default_skeleton().index(f"{side}_shoulder")] = quaternion_exp(np.array([0, 0, sign * 0.7]))
@@ -230,7 +230,7 @@ def unoc(tmp_path: Path, waving_clip: Clip) -> Release:
 
 @pytest.fixture
 def talking_with_hands(tmp_path: Path, waving_clip: Clip) -> Release:
-    """A clone of Talking With Hands: zip files of takes, two speakers in each, rest poses that are none of a body."""
+    """A clone of Talking With Hands: zip files of takes, two speakers in each, with unusable rest poses."""
     rig = meta_rig(twh=True)
     rng = np.random.default_rng(3)
     turns = quaternion_exp(rng.normal(size=(len(rig), 3)))
@@ -272,7 +272,7 @@ def mixamo(tmp_path: Path, waving_clip: Clip) -> Release:
 
 @pytest.fixture
 def small_bvh_text() -> str:
-    """A BVH file of something that is no body."""
+    """A BVH file without a body."""
     joint = "JOINT Lid\n{\nOFFSET 0 10 0\nCHANNELS 3 Zrotation Xrotation Yrotation\nEnd Site\n{\nOFFSET 0 5 0\n}\n}\n"
     root = "ROOT Box\n{\nOFFSET 0 0 0\nCHANNELS 3 Zrotation Xrotation Yrotation\n" + joint + "}\n"
     return f"HIERARCHY\n{root}MOTION\nFrames: 2\nFrame Time: 0.1\n0 0 0 0 0 0\n1 1 1 1 1 1\n"

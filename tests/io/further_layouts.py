@@ -1,4 +1,4 @@
-"""Rigs of video tools, games, headsets and data sets; and how else files of a rig are odd."""
+"""Rigs of video tools, games, headsets and data sets, and odd variants of rigs."""
 
 # ruff: noqa: E501
 
@@ -231,31 +231,31 @@ BY_ENDS += arm("lowerback_torso", "*torso_clavicle", "*clavicle_upperarm", "*upp
 FURTHER: dict[str, Layout] = {
     "Plask": layout(plain("hips", "spine spine1 spine2", "neck head", "*Shoulder *Arm *ForeArm *Hand", LEGS, more="*HandIndex1 | *Hand | @index1\n"), "left", "right"),
     "CMU, MotionBuilder": Layout(CMU_BONES, unit=0.056444, rest="slanted", t_posed=True),
-    "MakeHuman, game engine": layout(GAME, "l", "r", "{f}_0{k}_*", "hand_*", unit=0.1, told_unit=False),
+    "MakeHuman, game engine": layout(GAME, "l", "r", "{f}_0{k}_*", "hand_*", unit=0.1, has_known_unit=False),
     "MakeHuman, game engine, metres": layout(GAME, "l", "r", "{f}_0{k}_*", "hand_*", unit=1.0, up="z", rest="A"),
-    "MakeHuman, CMU": Layout(cmu_of_makehuman(), unit=0.1, told_unit=False),  # type: ignore[arg-type]
+    "MakeHuman, CMU": Layout(cmu_of_makehuman(), unit=0.1, has_known_unit=False),  # type: ignore[arg-type]
     "MakeHuman, CMU, metres": Layout(cmu_of_makehuman(), unit=1.0, up="z", rest="A"),  # type: ignore[arg-type]
     "Unreal 5": layout(MANNY, "l", "r", "{f}_0{k}_*", "hand_*", up="z", rest="A"),
     "Character Creator": layout(ICLONE, "L", "R", "CC_Base_*_{F}{k}", "CC_Base_*_Hand", rest="A"),
     "ARKit": layout(ARKIT, "left", "right", "*_hand{F}_{k}_joint", "*_hand_joint", unit=1.0, rest="odd"),
-    "mocopi": layout(MOCOPI, "l", "r", orders=("YXZ",), placed=True),
+    "mocopi": layout(MOCOPI, "l", "r", orders=("YXZ",), has_positions=True),
     "Meta, whole body": layout(META, "Left", "Right", "*Hand{F}{k}", "*HandWrist", unit=1.0, rest="odd"),
     "XNALara": layout(XNA, "left", "right", "arm * finger {n}{k}", "arm * wrist", unit=1.0, rest="A"),
-    "Skyrim": layout(SKYRIM, "L", "R", "NPC * Finger{m}{k} [*F{m}{k}]", "NPC * Hand [*Hnd]", unit=0.014, told_unit=False, up="z", rest="odd"),
+    "Skyrim": layout(SKYRIM, "L", "R", "NPC * Finger{m}{k} [*F{m}{k}]", "NPC * Hand [*Hnd]", unit=0.014, has_known_unit=False, up="z", rest="odd"),
     "The Sims": layout(SIMS, "L", "R", "b__*_{F}{k}__", "b__*_Hand__", unit=1.0, rest="odd"),
     "GTA": layout(GTA, "L", "R", "SKEL_*_Finger{m}{k}", "SKEL_*_Hand", unit=1.0, up="z", rest="odd"),
     "Auto-Rig Pro": layout(RIG_PRO, "l", "r", "c_{f}{k}.*", "hand.*", unit=1.0, up="z", rest="A"),
     "Blender's metarig": layout(METARIG, "L", "R", "f_{f}.0{k}.*", "hand.*", unit=1.0, up="z", rest="A"),
-    "BEAT": layout(BEAT, "L", "R", placed=True, orders=("XYZ",)),
+    "BEAT": layout(BEAT, "L", "R", has_positions=True, orders=("XYZ",)),
     "CMU, names of ASF": layout(ASF, "l", "r", unit=0.056444, rest="slanted"),
     "video to BVH": layout(LIFTED, unit=1.0, up="z", lacks=("head",)),
     "3ds Max Biped, twists": layout(BIPED, "L", "R", "Bip001 * Finger{m}{j}", "Bip001 * Hand", unit=0.0254, up="z", rest="odd", still=("neck", "spine1")),
     "Ready Player Me": layout(READY, fingers="*Hand{F}{k}", unit=1.0),
-    "Active Worlds": layout(WORLDS, "lf", "rt", unit=0.1, told_unit=False),
-    "Kinect, first": layout(KINECT1, unit=1.0, placed=True),
+    "Active Worlds": layout(WORLDS, "lf", "rt", unit=0.1, has_known_unit=False),
+    "Kinect, first": layout(KINECT1, unit=1.0, has_positions=True),
     "FreeMoCap": layout(FREE, "L", "R", unit=1.0, up="z", rest="A", still=("spine1",)),
-    "Roblox": layout(ROBLOX, unit=0.36, told_unit=False),
+    "Roblox": layout(ROBLOX, unit=0.36, has_known_unit=False),
     "MotionBuilder, Reference": layout(REFERENCE, fingers="*Hand{F}{k}", rest="odd"),
     "named by both ends": layout(BY_ENDS, "l", "r", unit=1.0, lacks=("head",)),
-    "Unity": layout(plain("Hips", "Spine Chest UpperChest", "Neck Head", "*Shoulder *UpperArm *LowerArm *Hand", TOES), fingers="*{F}{k}", unit=1.0, placed=True),
+    "Unity": layout(plain("Hips", "Spine Chest UpperChest", "Neck Head", "*Shoulder *UpperArm *LowerArm *Hand", TOES), fingers="*{F}{k}", unit=1.0, has_positions=True),
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Rigs that lack a part of a body, or whose joints hang otherwise than a body's; made of whole layouts."""
+"""Rigs that lack a part of a body or have another hierarchy, derived from whole layouts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EVERY = LAYOUTS | MORE | FURTHER
 
 
 def without(layout: Layout, parts: str) -> Layout:
-    """The rig without joints on some places of our body, and without what hangs on them."""
+    """Return the rig without some joints and their descendants."""
     gone: set[str] = set()
     bones: Bones = []
     for name, parent, place in layout.bones:
@@ -41,20 +41,20 @@ def neckless(layout: Layout) -> Layout:
 
 
 def upper_half(layout: Layout) -> Layout:
-    """As the avatar of somebody who sits before a webcam."""
+    """An avatar of a person seated at a webcam."""
     return without(layout, "(left|right)_(hip|knee|ankle)|pelvis>@?(left|right)_hip|pelvis>head:-")
 
 
 def lower_half(layout: Layout) -> Layout:
-    """As a laboratory of gait has it."""
+    """A rig of a gait laboratory."""
     return without(layout, "(left|right)_(collar|shoulder)|neck|head")
 
 
 def flat(layout: Layout) -> Layout:
-    """All joints hang on the root, and say where they are in its frame."""
+    """All joints are children of the root, with positions in its frame."""
     root = layout.bones[0][0]
     bones = [(name, "-" if name == root else root, place) for name, _, place in layout.bones if name != "End Site"]
-    return replace(layout, bones=bones, placed=True)
+    return replace(layout, bones=bones, has_positions=True)
 
 
 def scattered(layout: Layout) -> Layout:
@@ -72,7 +72,7 @@ def staged(layout: Layout) -> Layout:
     return replace(layout, bones=[*bones_of(scene, "left", "right"), *roots, *rest])
 
 
-# Of each: what changes, and what the line on the file says of it.
+# Name → change of the layout, and text in the line that describes the file.
 PARTIAL: dict[str, tuple[Callable[[Layout], Layout], str]] = {
     "headless": (headless, "its head is put over the shoulders"),
     "neckless": (neckless, "its head is put over the shoulders"),
@@ -85,7 +85,7 @@ PARTIAL: dict[str, tuple[Callable[[Layout], Layout], str]] = {
 
 
 def write_places(layout: Layout, clip: Clip, *, on_root: bool) -> str:
-    """A clip as BVH whose joints never turn: each says where it is, in its parent or, `on_root`, in the root."""
+    """Return a clip as BVH without rotations: joints have positions in their parent or, if `on_root`, in the root."""
     skeleton, position = clip.pose.skeleton, np.asarray(forward_kinematics(clip.pose)[0])
     bones = [bone for bone in layout.bones if bone[0] != "End Site" and bone[2] in skeleton.points]
     place = {name: position[:, skeleton.index(at)] / layout.unit for name, _, at in bones}

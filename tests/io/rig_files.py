@@ -1,4 +1,4 @@
-"""BVH files of other programs' rigs, made of one known motion; and a reader that shares nothing with ours."""
+"""BVH files of other programs' rigs, made from one known motion, and an independent reader."""
 
 from __future__ import annotations
 
@@ -56,17 +56,17 @@ def bones_of(text: str, left: str, right: str, fingers: str = "", hand: str = "*
 
 @dataclass(frozen=True)
 class Layout:
-    """A rig and how a file of it is written."""
+    """A rig and the properties of its files."""
 
     bones: Bones
     unit: float = 0.01  # metres of a file unit
     up: str = "y"
     rest: str = "T"  # or 'A', 'hanging', 'slanted', 'along y', 'odd'
     orders: tuple[str, ...] = ("ZXY",)  # of channels, taken in turn
-    placed: bool = False  # position channels on every joint, which override offsets that say nothing
+    has_positions: bool = False  # position channels on every joint, which override offsets that say nothing
     still: tuple[str, ...] = ()  # joints of ours that must not turn, or the rig cannot hold the motion
-    told_unit: bool = True  # False: the unit cannot be told; the body comes out at 1.70 m
-    lacks: tuple[str, ...] = field(default=())  # points that stand nowhere, though the rig has a joint for them
+    has_known_unit: bool = True  # False: the unit is unknown; the body comes out at 1.70 m
+    lacks: tuple[str, ...] = field(default=())  # points of ours that no joint of the rig matches in position
     t_posed: bool = False  # a T-pose stands before the motion
 
 
@@ -143,7 +143,7 @@ def write(layout: Layout, clip: Clip, *, turn: Rotation | None = None, shift: fl
         if layout.rest == "along y" and not below:
             frames[name] = Rotation.identity()
 
-    def placed(name: str) -> tuple[np.ndarray, Rotation]:
+    def pose_of(name: str) -> tuple[np.ndarray, Rotation]:
         """Place (T, 3) and rotation of a joint in the file's world."""
         carrier, at = spots[name]
         if not carrier:
@@ -165,15 +165,19 @@ def write(layout: Layout, clip: Clip, *, turn: Rotation | None = None, shift: fl
             offset = frames[parent].inv().apply(at - spots[parent][1]) * scale / layout.unit
         lines.append(f"{pad}{'End Site' if is_site else ('ROOT ' if parent == '-' else 'JOINT ') + name}")
         lines.append(pad + "{")
-        told = np.array([0.0, 0.0, 0.043]) / layout.unit if layout.placed and not is_site and parent != "-" else offset
-        lines.append(f"{pad}  OFFSET {' '.join(f'{x:.8f}' for x in told)}")
+        offset_written = (
+            np.array([0.0, 0.0, 0.043]) / layout.unit
+            if layout.has_positions and not is_site and parent != "-"
+            else offset
+        )
+        lines.append(f"{pad}  OFFSET {' '.join(f'{x:.8f}' for x in offset_written)}")
         if not is_site:
-            where, turned = placed(name)
+            where, turned = pose_of(name)
             if parent != "-":
-                above, above_turned = placed(parent)
+                above, above_turned = pose_of(parent)
                 where, turned = above_turned.inv().apply(where - above), above_turned.inv() * turned
             order = layout.orders[len(columns) % len(layout.orders)]
-            has_place = layout.placed or parent == "-" or not spots[parent][0]
+            has_place = layout.has_positions or parent == "-" or not spots[parent][0]
             channels = ("Xposition Yposition Zposition " if has_place else "") + " ".join(f"{a}rotation" for a in order)
             lines.append(f"{pad}  CHANNELS {len(channels.split())} {channels}")
             with warnings.catch_warnings():
@@ -229,7 +233,7 @@ def read_plainly(text: str) -> dict[str, np.ndarray]:
 
 
 def held_still(clip: Clip, layout: Layout) -> Clip:
-    """The clip without turns of joints that a rig lacks, so that it can hold the motion exactly."""
+    """Return the clip without rotations of joints that a rig lacks, so that the rig represents it exactly."""
     carriers = {re.split(">", place)[0] for name, _, place in layout.bones if name != "End Site"}
     rotation = clip.pose.rotation.copy()
     for k, joint in enumerate(clip.pose.skeleton.joints):
@@ -243,7 +247,7 @@ def held_still(clip: Clip, layout: Layout) -> Clip:
 
 
 def of_other_size(clip: Clip, scale: float) -> Clip:
-    """The same rotations on a larger or smaller body."""
+    """Return the rotations on a larger or smaller body."""
     skeleton = clip.pose.skeleton
     body = skeleton.with_offsets(skeleton.rest_offset * scale)
     return Clip(clip.name, Pose(body, clip.pose.root_position * scale, clip.pose.rotation), clip.frame_rate)

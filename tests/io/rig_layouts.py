@@ -38,7 +38,7 @@ def spine(root: str, names: str, places: str, head: str = "Neck Head", above: st
 
 
 def shifted(bones: Bones, order: tuple[int, ...]) -> Bones:
-    """The same bones with the children of the root in another order."""
+    """Return the bones with the children of the root in another order."""
     root = bones[0][0]
     tops = [bone for bone in bones if bone[1] == root]
     return [bones[0], *(tops[k] for k in order), *(bone for bone in bones[1:] if bone[1] != root)]
@@ -209,7 +209,7 @@ LAYOUTS: dict[str, Layout] = {
             )
         ),
         unit=0.1,
-        told_unit=False,
+        has_known_unit=False,
     ),
     "Vicon Blade": Layout(bones_of(spine("Hips", "Spine", "spine1", "Head") + BLADE, "Left", "Right"), unit=0.0254),
     "Spine3, Neck1": Layout(
@@ -217,7 +217,7 @@ LAYOUTS: dict[str, Layout] = {
         unit=0.0254,
         rest="along y",
         orders=SIX,
-        placed=True,
+        has_positions=True,
     ),
     "Bandai-Namco": Layout(
         bones_of(
@@ -225,7 +225,7 @@ LAYOUTS: dict[str, Layout] = {
             "L",
             "R",
         ),
-        placed=True,
+        has_positions=True,
     ),
     "Xsens, lower case": Layout(
         bones_of(
@@ -238,7 +238,7 @@ LAYOUTS: dict[str, Layout] = {
         bones_of(spine("Hips", "Spine", "spine1", "Neck Head") + LIFTER, "Left", "Right"),
         unit=0.001,
         up="-y",
-        placed=True,
+        has_positions=True,
     ),
     "stick figure": Layout(
         bones_of(
@@ -263,11 +263,11 @@ LAYOUTS: dict[str, Layout] = {
         bones_of(BIPED, "L", "R", "Bip01 * Finger{m}{j}", "Bip01 * Hand"), unit=0.0254, rest="odd", still=("neck",)
     ),
     "VRoid": Layout(bones_of(VROID, "L", "R", "J_Bip_*_{F}{k}", "J_Bip_*_Hand"), unit=1.0),
-    "Kinect": Layout(bones_of(KINECT, "Left", "Right"), unit=1.0, placed=True),
+    "Kinect": Layout(bones_of(KINECT, "Left", "Right"), unit=1.0, has_positions=True),
     "Perception Neuron": Layout(bones_of(NEURON, "Left", "Right"), orders=("YXZ",)),
     "SMPL": Layout(bones_of(SMPL, "L", "R"), unit=1.0, up="z"),
     "Xsens MVN": Layout(bones_of(MVN, "Left", "Right"), unit=1.0, up="z"),
     "iClone": Layout(bones_of(ICLONE, "L", "R", "CC_Base_*_{F}{k}", "CC_Base_*_Hand"), rest="A"),
-    "MikuMikuDance": Layout(bones_of(MMD, "左", "右"), unit=0.08, told_unit=False, rest="A"),
+    "MikuMikuDance": Layout(bones_of(MMD, "左", "右"), unit=0.08, has_known_unit=False, rest="A"),
     "Rokoko": Layout(bones_of(ROKOKO, "Left", "Right", "*Finger{n}{k}x", "*Hand"), unit=1.0),
 }

@@ -126,7 +126,7 @@ BROKEN = [
 
 
 @pytest.mark.parametrize(("change", "message"), BROKEN)
-def test_what_is_wrong_with_a_file_is_said(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+def test_errors_name_the_problem(tmp_path: Path, change: dict[str, Any], message: str) -> None:
     arrays = {key: value for key, value in (motion() | change).items() if value is not None}
     path = saved(tmp_path / "a.npz", arrays)
     with pytest.raises(BodysenseError, match=message) as error:

@@ -1,4 +1,4 @@
-"""Model files of SMPL: bones by shape coefficients, and what is refused."""
+"""Model files of SMPL: bones from shape coefficients, and refused files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""BVH: against scipy, against itself, and against everything that can be wrong with a file."""
+"""BVH: comparison with scipy, round trips, and damaged files."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_positions_of_a_joint_become_its_offset(small: Path, places: list[str], 
     np.testing.assert_allclose(read_bvh(with_knee_at(small, places)).pose.skeleton.rest_offset[1], offset)
 
 
-def test_end_sites_without_length_are_dropped_and_names_stay_unique(small: Path) -> None:
+def test_zero_length_end_sites_are_dropped_and_names_stay_unique(small: Path) -> None:
     assert read_bvh(changed(small, "OFFSET 0 25 0", "OFFSET 0 0 0")).pose.skeleton.end_sites == ("Left Leg_end",)
     path = changed(small, "JOINT Spine", "JOINT Left Leg_end")
     assert read_bvh(path).pose.skeleton.end_sites == ("Left Leg_end2", "Left Leg_end_end")
@@ -172,7 +172,7 @@ BROKEN = [
 
 
 @pytest.mark.parametrize(("old", "new", "message"), BROKEN)
-def test_what_is_wrong_with_a_file_is_said(small: Path, old: str, new: str, message: str) -> None:
+def test_errors_name_the_problem(small: Path, old: str, new: str, message: str) -> None:
     with pytest.raises(BodysenseError, match=message) as error:
         read_bvh(changed(small, old, new))
     assert str(small) in str(error.value)
@@ -190,7 +190,7 @@ def test_a_truncated_file_is_refused(small: Path) -> None:
             read_bvh(small)
 
 
-def test_a_hierarchy_of_great_depth_is_no_trouble(tmp_path: Path) -> None:
+def test_a_deep_hierarchy_is_read(tmp_path: Path) -> None:
     depth = 1500
     channels = "CHANNELS 3 Zrotation Xrotation Yrotation"
     joints = "".join(f"JOINT j{k}\n{{\nOFFSET 0 .1 0\n{channels}\n" for k in range(depth))
@@ -247,7 +247,7 @@ def test_a_round_trip_of_a_real_file(motion_data: Path, tmp_path: Path) -> None:
     assert np.rad2deg(geodesic_angle(back.pose.rotation, clip.pose.rotation)).max() < 1e-4
 
 
-def test_writing_says_what_is_wrong_and_leaves_the_old_file(tmp_path: Path, make_clip) -> None:
+def test_a_failed_write_names_the_problem_and_keeps_the_old_file(tmp_path: Path, make_clip) -> None:
     clip, path = make_clip(), tmp_path / "a.bvh"
     path.write_text("old")
     broken = Clip("b", Pose(clip.pose.skeleton, clip.pose.root_position, clip.pose.rotation * np.nan), 30.0)

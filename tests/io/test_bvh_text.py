@@ -1,4 +1,4 @@
-"""A BVH file's own text: what is not replaced stays to the byte."""
+"""Text of a BVH file: bytes that are not replaced are unchanged."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def opened(folder: Path, text: str = TEXT) -> BvhFile:
     return open_bvh(path)
 
 
-def test_nothing_replaced_is_the_same_file(tmp_path: Path) -> None:
+def test_an_unchanged_file_is_written_byte_for_byte(tmp_path: Path) -> None:
     sound = TEXT.replace("nan", "41").replace("-1.#IND", "62")
     assert opened(tmp_path, sound).text() == sound.encode()
     one_line = sound.replace("7 \r\n", "7 ")  # frames need not be lines
@@ -67,7 +67,7 @@ def test_channels_of_an_end_site_are_of_no_joint(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.rotation, plain.rotation)
 
 
-def test_what_has_no_number(tmp_path: Path) -> None:
+def test_cells_without_numbers_are_mended(tmp_path: Path) -> None:
     file = opened(tmp_path)
     assert (opened(tmp_path, TEXT.replace("-1.#IND", "-nan(ind)")).has_number == file.has_number).all()
     assert file.joints == ("Hips", "Leg", "Shin") and file.parents == (-1, 0, 1) and file.order == ("ZXY", "YXZ", "X")
@@ -110,7 +110,7 @@ def test_angles_do_not_jump(order: str) -> None:
 
 def test_damaged_files_are_refused_by_name(tmp_path: Path) -> None:
     sound = TEXT.replace("nan", "41").replace("-1.#IND", "62")
-    for spoilt, said in (
+    for spoilt, message in (
         (sound.replace("Frames: 3", "Frames: 4"), "announces"),
         (sound.replace("21 31", "21 x31"), "not a number"),
         (sound.replace("CHANNELS 1 Xrotation", "CHANNELS 2 Xrotation Yrotation"), "'Frames: 3' announces 33 values"),
@@ -118,7 +118,7 @@ def test_damaged_files_are_refused_by_name(tmp_path: Path) -> None:
         (TEXT.replace("CHANNELS 1 Xrotation", "CHANNELS 2 Xrotation"), "CHANNELS"),
         ("", "the file is empty"),
     ):
-        with pytest.raises(BodysenseError, match=said):
+        with pytest.raises(BodysenseError, match=message):
             opened(tmp_path, spoilt)
     with pytest.raises(BodysenseError, match="cannot be read"):
         open_bvh(tmp_path / "none.bvh")

@@ -1,4 +1,4 @@
-"""The canonical form: the body stays where it was, and the identity is our T-pose, whatever the file's rest pose."""
+"""Canonical form: positions are unchanged, and the identity is our T-pose, whatever the file's rest pose."""
 
 from __future__ import annotations
 
@@ -191,15 +191,15 @@ def test_what_a_lower_back_bends_is_taken_over_by_spine1(make_clip) -> None:
     source = inserted(clip, "LowerBack", "spine1", bend(len(clip), 18), 0.0)
     result = canonical(source)
     ours = default_skeleton()
-    moved = np.linalg.norm(
+    distance = np.linalg.norm(
         forward_kinematics(source.pose)[0][:, source.pose.skeleton.indices(ours.points)]
         - forward_kinematics(result.pose)[0],
         axis=-1,
     ).max(axis=0)
-    assert 0.01 < moved[ours.index("spine1")] < 0.03
+    assert 0.01 < distance[ours.index("spine1")] < 0.03
     upper = [ours.index(p) for p in ("spine3", "head", "left_wrist", "right_middle_tip")]
-    assert moved[upper].max() < moved[ours.index("spine1")] / 2
-    assert moved[ours.indices(["pelvis", "left_ankle", "right_toe"])].max() < 1e-9
+    assert distance[upper].max() < distance[ours.index("spine1")] / 2
+    assert distance[ours.indices(["pelvis", "left_ankle", "right_toe"])].max() < 1e-9
     same = [k for k, p in enumerate(ours.joints) if p not in ("spine1", "spine2")]
     there = source.pose.skeleton.indices(ours.joints)
     world_source, world = forward_kinematics(source.pose)[1][:, there], forward_kinematics(result.pose)[1]
@@ -258,11 +258,11 @@ def test_a_frame_in_t_pose_stands_in_for_a_rest_pose_that_says_nothing(make_clip
 def test_joints_may_be_named_by_hand(make_clip, reframe) -> None:
     clip = make_clip()
     source = reframe(clip, {}, {"left_knee": "Gelenk 7"})
-    told = {name: name for name in default_skeleton().points if name != "left_knee"}
+    table = {name: name for name in default_skeleton().points if name != "left_knee"}
     assert world_error(source, canonical(source)) < 1e-9  # its place tells that it is a knee
-    assert world_error(source, canonical_of(source, told | {"Gelenk 7": "left_knee"})) < 1e-9
+    assert world_error(source, canonical_of(source, table | {"Gelenk 7": "left_knee"})) < 1e-9
     with pytest.raises(BodysenseError, match=r"unknown joint 'left_kne'; this skeleton has left_knee"):
-        canonical_of(source, told | {"Gelenk 7": "left_kne"})
+        canonical_of(source, table | {"Gelenk 7": "left_kne"})
 
 
 def test_completing_a_skeleton_scales_the_rest() -> None:
@@ -292,12 +292,19 @@ def test_real_bvh_files_pass_through_unbent(motion_data) -> None:
     position, there = forward_kinematics(result.pose)[0], forward_kinematics(source.pose)[0]
     ours, theirs = result.pose.skeleton.index, source.pose.skeleton.index
 
-    def moved(our: str, their: str) -> float:
+    def distance(our: str, their: str) -> float:
         return float(np.linalg.norm(position[:, ours(our)] - there[:, theirs(their)], axis=-1).max())
 
-    assert max(moved("left_ankle", "LeftFoot"), moved("pelvis", "Hips"), moved("right_toe", "RightToeBase_end")) < 1e-9
     assert (
-        max(moved("left_wrist", "LeftHand"), moved("head", "Head"), moved("left_thumb_tip", "LeftHandThumb3_end"))
+        max(distance("left_ankle", "LeftFoot"), distance("pelvis", "Hips"), distance("right_toe", "RightToeBase_end"))
+        < 1e-9
+    )
+    assert (
+        max(
+            distance("left_wrist", "LeftHand"),
+            distance("head", "Head"),
+            distance("left_thumb_tip", "LeftHandThumb3_end"),
+        )
         < 0.018
     )
     np.testing.assert_allclose(

@@ -1,4 +1,4 @@
-"""The catalogue: what a data set that is missing is called, and where it is to be had."""
+"""The catalogue: names and addresses of missing data sets."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_the_tables_of_unoc_have_their_sets() -> None:
     assert {one.name for one in CATALOGUE if one.tables.startswith("UNOC")} == {"UNOC", "TWH16.2M", "Mixamo"}
 
 
-def test_a_set_that_is_there(unoc, tmp_path: Path) -> None:
+def test_a_present_set(unoc, tmp_path: Path) -> None:
     assert require_data("unoc", str(unoc.folder)) == unoc.folder
     (tmp_path / "a.zarr").mkdir()
     (tmp_path / "a.zarr" / "zarr.json").write_text("{}")
@@ -35,13 +35,13 @@ def test_a_set_that_is_there(unoc, tmp_path: Path) -> None:
     ("TWH16.2M", "none", r"TWH16.2M is missing \(.*none: no such folder\); get it at .*32M \(licence: CC BY-NC 4.0\)"),
     ("Mixamo", "empty", r"Mixamo is missing \(.*empty: no .bvh or .npz file in it\); get it at mixamo.com \(lic"),
 ])  # fmt: skip
-def test_a_set_that_is_missing(tmp_path: Path, name: str, place: str | None, message: str) -> None:
+def test_a_missing_set_is_reported(tmp_path: Path, name: str, place: str | None, message: str) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(BodysenseError, match=message) as error:
         require_data(name, place and tmp_path / place)
     assert "\n" not in str(error.value)
 
 
-def test_a_set_that_nobody_knows() -> None:
+def test_an_unknown_set_is_refused() -> None:
     with pytest.raises(BodysenseError, match=r"unknown data set 'CMUU'; valid are UNOC, TWH16.2M, Mixamo, AMASS, CMU"):
         require_data("CMUU", None)

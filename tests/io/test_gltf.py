@@ -1,4 +1,4 @@
-"""glTF and VRM animations: what is written is read again, other programs' files stand where they stand."""
+"""glTF and VRM animations: round trips, and positions in other programs' files."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ MIXAMO = {
 
 
 @pytest.fixture(scope="module")
-def stranger() -> Clip:
+def unseen_body() -> Clip:
     clip = performance_of_unseen_body()
     return replace(clip, pose=clip.pose[300:340], name="walk")
 
 
 @pytest.mark.parametrize("ending", [".glb", ".vrma"])
-def test_what_is_written_is_read(tmp_path: Path, waving_clip: Clip, ending: str) -> None:
+def test_written_motions_are_read_back(tmp_path: Path, waving_clip: Clip, ending: str) -> None:
     write_motion(tmp_path / f"a{ending}", waving_clip)
     clip = read(tmp_path / f"a{ending}")
     assert isinstance(clip, Clip) and clip.frame_rate == waving_clip.frame_rate and len(clip) == len(waving_clip)
@@ -56,12 +56,12 @@ def test_what_is_written_is_read(tmp_path: Path, waving_clip: Clip, ending: str)
 
 
 @pytest.mark.parametrize("ending", [".glb", ".vrma"])
-def test_bodies_of_other_proportions_stand_where_they_stood(tmp_path: Path, stranger: Clip, ending: str) -> None:
-    write_motion(tmp_path / f"a{ending}", stranger)
+def test_bodies_of_other_proportions_keep_their_positions(tmp_path: Path, unseen_body: Clip, ending: str) -> None:
+    write_motion(tmp_path / f"a{ending}", unseen_body)
     clip, remarks = read_gltf(tmp_path / f"a{ending}")
     joints = len(clip.pose.skeleton.joints)  # a VRM animation has no end sites
     kept = slice(joints if ending == ".vrma" else None)
-    places = [np.asarray(forward_kinematics(one.pose)[0])[:, kept] for one in (clip, stranger)]
+    places = [np.asarray(forward_kinematics(one.pose)[0])[:, kept] for one in (clip, unseen_body)]
     np.testing.assert_allclose(places[0], places[1], atol=1e-6)
     assert remarks == ()
 
@@ -119,24 +119,24 @@ def foreign(path: Path, clip: Clip, kind: str = "LINEAR") -> None:
 
 
 @pytest.mark.parametrize("kind", ["LINEAR", "STEP", "CUBICSPLINE"])
-def test_files_of_other_programs(tmp_path: Path, stranger: Clip, kind: str) -> None:
-    foreign(tmp_path / "a.gltf", stranger, kind)
+def test_files_of_other_programs(tmp_path: Path, unseen_body: Clip, kind: str) -> None:
+    foreign(tmp_path / "a.gltf", unseen_body, kind)
     clip, remarks = read_gltf(tmp_path / "a.gltf")
-    assert remarks == () and clip.frame_rate == stranger.frame_rate
+    assert remarks == () and clip.frame_rate == unseen_body.frame_rate
     rows = clip.pose.skeleton.indices(BODY)
-    places = [np.asarray(forward_kinematics(one.pose)[0])[:, rows] for one in (clip, stranger)]
+    places = [np.asarray(forward_kinematics(one.pose)[0])[:, rows] for one in (clip, unseen_body)]
     np.testing.assert_allclose(places[0], places[1], atol=1e-5)
 
 
-def test_joints_are_as_told(tmp_path: Path, stranger: Clip) -> None:
-    """A spine that is told to lack a joint lacks it; what has names of its own takes none."""
+def test_a_joint_map_is_followed(tmp_path: Path, unseen_body: Clip) -> None:
+    """A spine joint omitted by the map is omitted; files that name their joints refuse a map."""
     path, table = tmp_path / "a.glb", tmp_path / "joints.json"
-    foreign(path, stranger)
+    foreign(path, unseen_body)
     rig = recognise(figure_of_gltf(path), ReadingOptions(up="y", floor=0.0))
     names = {given: ours for ours, given in rig.joints.items()}
     table.write_text(json.dumps(names | {MIXAMO["spine2"]: ""}))
-    asked = ReadingOptions(joints=table)
-    clip, plain = read(path, asked), read(path)
+    options = ReadingOptions(joints=table)
+    clip, plain = read(path, options), read(path)
     assert isinstance(clip, Clip) and isinstance(plain, Clip)
     places = [np.asarray(forward_kinematics(one.pose)[0]) for one in (clip, plain)]
     spine = clip.pose.skeleton.index("spine2")
@@ -145,25 +145,25 @@ def test_joints_are_as_told(tmp_path: Path, stranger: Clip) -> None:
     assert np.abs(places[0][:, spine] - places[1][:, spine]).max() > 1e-3
     table.write_text(json.dumps(names | {"tail": "head"}))
     with pytest.raises(BodysenseError, match="the file has no joint 'tail'"):
-        read(path, asked)
-    write_motion(tmp_path / "a.vrma", stranger)
-    with pytest.raises(BodysenseError, match="a VRM file says which joint is which; leave --joints out"):
-        read(tmp_path / "a.vrma", asked)
+        read(path, options)
+    write_motion(tmp_path / "a.vrma", unseen_body)
+    with pytest.raises(BodysenseError, match="a VRM file names its joints; leave --joints out"):
+        read(tmp_path / "a.vrma", options)
     with pytest.raises(BodysenseError, match=r"glTF files hold one body, .*; leave --figure out"):
         read(path, ReadingOptions(figure=2))
 
 
-def test_frames_at_odd_times_are_resampled(tmp_path: Path, stranger: Clip) -> None:
-    foreign(tmp_path / "a.gltf", stranger)
+def test_frames_at_odd_times_are_resampled(tmp_path: Path, unseen_body: Clip) -> None:
+    foreign(tmp_path / "a.gltf", unseen_body)
     document = json.loads((tmp_path / "a.gltf").read_text())
     data = bytearray(base64.b64decode(document["buffers"][0]["uri"].partition(",")[2]))
-    times = np.frombuffer(bytes(data[: 4 * len(stranger)]), "<f4").copy()
+    times = np.frombuffer(bytes(data[: 4 * len(unseen_body)]), "<f4").copy()
     times[20:] += 0.5  # a gap
     data[: times.nbytes] = times.tobytes()
     document["buffers"][0]["uri"] = "data:;base64," + base64.b64encode(data).decode()
     (tmp_path / "a.gltf").write_text(json.dumps(document))
     clip, _ = read_gltf(tmp_path / "a.gltf")
-    assert len(clip) == len(stranger) + 15 and clip.frame_rate == 30
+    assert len(clip) == len(unseen_body) + 15 and clip.frame_rate == 30
 
 
 def changed(tmp_path: Path, clip: Clip, change: Any) -> Path:
@@ -181,22 +181,22 @@ WRONG = {
     "a circle": (lambda d: d["nodes"][0]["children"].append(22), "in a circle"),
     "two parents": (lambda d: d["nodes"][22]["children"].append(5), "has two parents"),
     "an array too long": (lambda d: d["accessors"][3].update(count=10**9), "array 3 cannot be read .beyond the end"),
-    "elsewhere": (lambda d: d["buffers"][0].update(uri="../secret.bin"), "needs the file '../secret.bin' beside it"),
+    "elsewhere": (lambda d: d["buffers"][0].update(uri="../secret.bin"), "needs the file '../secret.bin' next to it"),
     "scaled to nothing": (lambda d: d["nodes"][22].update(scale=[0, 0, 0]), "scaled to nothing or mirrored"),
     "mirrored": (lambda d: d["nodes"][22].update(scale=[-0.01, 0.01, 0.01]), "scaled to nothing or mirrored"),
 }
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_what_is_wrong_is_said(tmp_path: Path, stranger: Clip, what: str) -> None:
+def test_errors_name_the_problem(tmp_path: Path, unseen_body: Clip, what: str) -> None:
     change, message = WRONG[what]
-    path = changed(tmp_path, stranger, change)
+    path = changed(tmp_path, unseen_body, change)
     with pytest.raises(BodysenseError, match=message) as caught:
         read_gltf(path)
     assert "a.gltf" in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_a_glb_that_lies_about_its_length(tmp_path: Path) -> None:
+def test_a_glb_with_a_wrong_length_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 100) + struct.pack("<II", 1 << 31, 0x4E4F534A))
     with pytest.raises(BodysenseError, match="it ends within a part of 2147483648 bytes"):
         read_gltf(tmp_path / "a.glb")

@@ -22,7 +22,7 @@ PARENTS = (-1, 0, 1, 2, 0, 4, 5)
 OURS = {"pelvis": 0, "left_hip": 1, "left_ankle": 2, "left_foot": 3, "left_elbow": 4, "left_wrist": 5, "left_index1": 6}
 
 
-def told(text: str, frames: int = 10) -> set[tuple[int, str]]:
+def missing_in(text: str, frames: int = 10) -> set[tuple[int, str]]:
     mask = missing_mask(missing_items(text), JOINTS, PARENTS, frames, OURS)
     return {(int(t), JOINTS[j]) for t, j in np.argwhere(mask)}
 
@@ -43,21 +43,21 @@ def told(text: str, frames: int = 10) -> set[tuple[int, str]]:
     ],
 )
 def test_a_joint_by_the_files_name_ours_or_a_usual_one(text: str, joint: str) -> None:
-    assert told(text, 2) == {(0, joint), (1, joint)}
+    assert missing_in(text, 2) == {(0, joint), (1, joint)}
 
 
-def test_ranges_and_what_hangs_on_a_joint() -> None:
-    assert told("LeftHand+:2-3,Hips:9-9") == {
+def test_ranges_and_descendants_of_a_joint() -> None:
+    assert missing_in("LeftHand+:2-3,Hips:9-9") == {
         (2, "LeftHand"), (3, "LeftHand"), (2, "LeftHandIndex1"), (3, "LeftHandIndex1"), (9, "Hips"),
     }  # fmt: skip
-    assert told("mixamorig:LeftForeArm:4-4") == {(4, "mixamorig:LeftForeArm")}
+    assert missing_in("mixamorig:LeftForeArm:4-4") == {(4, "mixamorig:LeftForeArm")}
     assert missing_items(["a", "b+:0-7"]) == (Missing("a"), Missing("b", True, (0, 7)))
     assert missing_items("a , b : 0 - 7") == (Missing("a", False, (0, 7)), Missing("b", False, (0, 7)))
     assert below(4, PARENTS) == [4, 5, 6]
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("left_han", "no such joint; valid are Hips, LeftUpLeg"),
         ("left_foot", "LeftFoot or LeftToeBase may be meant"),
@@ -73,16 +73,16 @@ def test_ranges_and_what_hangs_on_a_joint() -> None:
         ("", "an item is empty"),
     ],
 )
-def test_what_is_told_wrongly(text: str, said: str) -> None:
-    with pytest.raises(BodysenseError, match=said) as error:
-        told(text)
+def test_invalid_ranges_are_refused(text: str, message: str) -> None:
+    with pytest.raises(BodysenseError, match=message) as error:
+        missing_in(text)
     assert "\n" not in str(error.value)
 
 
 @given(st.text(max_size=20))
 def test_any_text_is_understood_or_refused_in_one_line(text: str) -> None:
     try:
-        told(text)
+        missing_in(text)
     except BodysenseError as error:
         assert len(str(error).splitlines()) <= 1 + text.count("\n")
 
@@ -117,7 +117,7 @@ def test_a_limb_that_is_held_still_is_missing(take: tuple[BvhFile, SourceJoints]
     assert (frames[0], frames[-1], len(frames)) == (30, 59, 30)
 
 
-def test_what_rests_is_not_missing(take: tuple[BvhFile, SourceJoints]) -> None:
+def test_resting_joints_are_not_missing(take: tuple[BvhFile, SourceJoints]) -> None:
     """A pause of the whole body, a short one of a limb, and joints that the motion never turned."""
     file, rig = take
     turning = [file.joints[j] for j in range(len(file.joints)) if np.ptp(file.values[:, list(file.columns[j])]) > 0]

@@ -1,4 +1,4 @@
-"""VRM's humanoid: names, and the same posture told from VRM's T-pose."""
+"""VRM's humanoid: names, and postures relative to VRM's T-pose."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_a_thumb_without_a_tip_goes_on_straight(waving_clip: Clip) -> None:
     np.testing.assert_allclose(forward_kinematics(t_posed(pose))[0], forward_kinematics(pose)[0], atol=1e-12)
 
 
-def test_what_is_no_humanoid_is_refused() -> None:
+def test_an_incomplete_humanoid_is_refused() -> None:
     stump = Skeleton(("pelvis", "spine1"), (), (-1, 0), np.zeros((2, 3)))
     with pytest.raises(BodysenseError, match=r"needs the joint 'spine2' \(chest\), which this skeleton lacks"):
         check_humanoid(stump)

@@ -1,4 +1,4 @@
-"""The published data sets, as files of their layouts: read as one command does, and refused in one line."""
+"""Published data sets in their layouts: read by one command, or refused in one line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MILLIMETRE = 1e-3
 
 
 def furthest(clip: Clip, truth: Clip, leaving_out: tuple[str, ...] = ()) -> float:
-    """Largest distance between a point of a clip and where it was written."""
+    """Return the largest distance between points of a clip and the written motion."""
     points = [k for k, name in enumerate(default_skeleton().points) if not name.endswith(leaving_out or ("-",))]
     there, here = (forward_kinematics(which.pose)[0][:, points] for which in (truth, clip))
     return float(np.linalg.norm(here - there, axis=-1).max())
@@ -75,8 +75,8 @@ def test_talking_with_hands_in_zip_files(talking_with_hands) -> None:
     assert [clip.person for clip in open_clips(release.folder, categories=["conversation"])] == ["deep5", "shallow27"]
 
 
-def test_a_rest_pose_of_no_body_is_made_good_by_the_motion(talking_with_hands) -> None:
-    """The rig's frames are turned at random: what is twisted how is known as well as somebody stands straight."""
+def test_the_motion_replaces_an_unusable_rest_pose(talking_with_hands) -> None:
+    """Frames of the rig are random, so twists are only as accurate as the person stands straight."""
     names = default_skeleton().joints
     for source in list_sources(talking_with_hands.folder):
         clip, truth = read_source(source), talking_with_hands.truth[source.key(talking_with_hands.folder)]
@@ -101,7 +101,7 @@ def test_mixamo(mixamo) -> None:
         assert (clip.frame_rate, clip.has_fingers) == (30.0, True)
 
 
-def test_a_layout_that_cannot_be_told_is_given(mixamo, unoc) -> None:
+def test_an_ambiguous_layout_must_be_given(mixamo, unoc) -> None:
     for path in mixamo.folder.rglob("*.bvh"):
         path.write_text(path.read_text().replace("mixamorig:", ""))
     assert {source.person for source in list_sources(mixamo.folder)} == {"Jump", "Walking", "Walking (1)", "more"}
@@ -151,7 +151,7 @@ def zipped(path: Path, **members: str) -> Path:
     return path
 
 
-def test_who_moves_in_a_zip_file(tmp_path: Path) -> None:
+def test_people_in_a_zip_file(tmp_path: Path) -> None:
     zipped(tmp_path / "anna.zip", a="", b="")
     zipped(tmp_path / "all.zip", ben__a="", carl__deeper__a="")
     zipped(tmp_path / "dora" / "takes.zip", a="")
@@ -233,12 +233,12 @@ def test_one_command(mixamo, tmp_path: Path, monkeypatch, capsys) -> None:
     store = tmp_path / "store.zarr"
     assert main(["data", "prepare", str(mixamo.folder), "-o", str(store), "--workers", "1"]) == 0
     assert "skipped" not in capsys.readouterr().out
-    shown = []
+    rows = []
     for place in (mixamo.folder, store):
         assert main(["data", "info", str(place)]) == 0
-        shown.append(capsys.readouterr().out.splitlines()[-2].split())  # │ all │ people │ clips │ …
-        assert shown[-1][5] == str(len(mixamo.truth))
-    assert shown[0][:6] == shown[1][:6]
+        rows.append(capsys.readouterr().out.splitlines()[-2].split())  # │ all │ people │ clips │ …
+        assert rows[-1][5] == str(len(mixamo.truth))
+    assert rows[0][:6] == rows[1][:6]
 
 
 def test_a_layout_of_the_command(mixamo, capsys) -> None:

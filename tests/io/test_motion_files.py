@@ -1,4 +1,4 @@
-"""Motions as files: written as they come or whole, they are the same."""
+"""Motion files written frame by frame equal those written whole."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bodysense.io.motion_files import motion_stream, write_motion
 
 @pytest.mark.parametrize("ending", ["glb", "vrma"])
 def test_a_motion_that_is_written_as_it_comes_is_the_same(waving_clip: Clip, tmp_path: Path, ending: str) -> None:
-    """But for the digits of BVH, in which it waits until it is whole."""
+    """Equal but for rounding to BVH's digits."""
     clip, name = waving_clip, f"waves.{ending}"
     (tmp_path / "whole").mkdir()
     write_motion(tmp_path / "whole" / "waves.bvh", clip)

@@ -1,4 +1,4 @@
-"""Names alone: skeletons in full, as programs really write them, and what is not said of names that are none."""
+"""Joints recognised by names alone: complete skeletons of real programs, and names without meaning."""
 
 from __future__ import annotations
 
@@ -241,9 +241,9 @@ def test_some_names(text: str, ours: str) -> None:
     assert [found.get(name, "-") for name in text.split()] == ours.split()
 
 
-def test_what_people_call_a_joint() -> None:
-    said = ["left_forearm", "RightThigh", "left hand", "left_arm", "left_leg", "tail"]
-    assert [joint_of(name) for name in said] == ["left_elbow", "right_hip", "left_wrist", None, None, None]
+def test_common_names_of_joints() -> None:
+    names = ["left_forearm", "RightThigh", "left hand", "left_arm", "left_leg", "tail"]
+    assert [joint_of(name) for name in names] == ["left_elbow", "right_hip", "left_wrist", None, None, None]
 
 
 @pytest.mark.parametrize("name", ["CC_Base_L_ThighTwist01", "l_upperarmtwist1", "左腕捩", "LeftEye", "IK_foot_l"])
@@ -251,5 +251,5 @@ def test_helpers(name: str) -> None:
     assert is_helper(name) and not joints_of([name])
 
 
-def test_a_skeleton_that_is_no_body() -> None:
+def test_a_skeleton_without_a_body_has_no_joints() -> None:
     assert joints_of(["a", "b", "LeftUperLeg"]) == {}

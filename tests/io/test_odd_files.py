@@ -168,14 +168,14 @@ def test_a_bvh_in_utf_16_or_gzip_is_refused_with_the_way_on(tmp_path: Path, miss
         "compressed by gzip; unpack it: gunzip -c take.bvh": [gzip.compress(text.encode())],
     }
     path = tmp_path / "take.bvh"
-    for said, contents in spoilt.items():
+    for message, contents in spoilt.items():
         for content in contents:
             path.write_bytes(content)
             for use in (
                 lambda: bodysense.track(path, missing=missing or ()),
                 lambda: bodysense.convert(path, tmp_path / "o.glb"),
             ):
-                with pytest.raises(BodysenseError, match=rf"take\.bvh: {said}") as caught:
+                with pytest.raises(BodysenseError, match=rf"take\.bvh: {message}") as caught:
                     use()
                 assert "\n" not in str(caught.value)
     assert not (tmp_path / "o.glb").exists()

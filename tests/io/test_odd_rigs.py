@@ -1,4 +1,4 @@
-"""Rigs as they are found: under prefixes, more roots, with swords, braids and skirts, sitting, in one frame."""
+"""Odd rigs: prefixes, several roots, swords, braids, skirts, sitting bodies, single frames."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_a_body_that_sits_is_read(name: str) -> None:
     check(EVERY[name], seated())
 
 
-def test_sides_that_nothing_tells_are_a_guess_that_is_said() -> None:
+def test_guessed_sides_are_reported() -> None:
     """A straight body without feet, in one frame, under numbers."""
     number = {name: f"n{k}" for k, (name, _, _) in enumerate(LAYOUTS["OpenNI"].bones)} | {"-": "-"}
     number["End Site"] = "End Site"
@@ -131,7 +131,7 @@ def test_sides_that_nothing_tells_are_a_guess_that_is_said() -> None:
 
 
 def of_shape(clip: Clip, **factors: float) -> Clip:
-    """The same motion on a body some of whose bones are longer or shorter."""
+    """The motion on a body with some longer or shorter bones."""
     skeleton = clip.pose.skeleton
     offset = skeleton.rest_offset.copy()
     for k, name in enumerate(skeleton.points):

@@ -1,4 +1,4 @@
-"""Rigs without a head, half bodies, flat trees and joints that only have places: read to the millimetre, and said."""
+"""Rigs without a head, half bodies, flat trees and joints with positions alone: read to 1 mm and reported."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def places(clip: Clip) -> np.ndarray:
 
 
 def check(rigged: Rigged, text: str, layout: Layout, clip: Clip) -> None:
-    """What the file has is where an independent reader finds it, and where it was written, to 1 mm."""
+    """Joints match an independent reader and the written motion to 1 mm."""
     plain, skeleton = read_plainly(text), rigged.clip.pose.skeleton
     expected = mapped(layout)
     parts = [name for name in expected if re.search("hip|knee|ankle|shoulder|elbow|wrist|^head$|pelvis", name)]
@@ -51,14 +51,14 @@ def check(rigged: Rigged, text: str, layout: Layout, clip: Clip) -> None:
 
 @pytest.mark.parametrize("what", PARTIAL)
 @pytest.mark.parametrize("name", NAMES)
-def test_what_there_is_of_a_body_is_read(name: str, what: str) -> None:
-    change, said = PARTIAL[what]
+def test_partial_bodies_are_read(name: str, what: str) -> None:
+    change, message = PARTIAL[what]
     layout = change(EVERY[name])
     clip = held_still(motion(10, 60), layout)
     text = write(layout, clip)
     rigged = of(text, **unit_of(layout))
-    assert said in rigged.rig.line() and rigged.rig.up == layout.up
-    assert bool(said) == bool(rigged.clip.lacks)
+    assert message in rigged.rig.line() and rigged.rig.up == layout.up
+    assert bool(message) == bool(rigged.clip.lacks)
     check(rigged, text, layout, clip)
 
 
@@ -93,7 +93,7 @@ def test_nothing_is_written_on_a_flat_tree(tmp_path: Path, change) -> None:
         bodysense.track(path, missing="left_hand")
 
 
-def test_legs_that_are_not_there_stand_or_sit_on_the_floor() -> None:
+def test_missing_legs_stand_or_sit_on_the_floor() -> None:
     layout = upper_half(EVERY["Mixamo"])
     for clip, shift in ((motion(10, 2), 0.0), (motion(10, 2), -1.5), (seated(), 0.0)):
         rigged = of(write(layout, held_still(clip, layout), shift=shift))
@@ -107,7 +107,7 @@ def test_legs_that_are_not_there_stand_or_sit_on_the_floor() -> None:
 
 
 @pytest.mark.parametrize("name", ["Mixamo", "pose lifter"])
-def test_what_a_motion_lacks_is_completed_when_it_is_tracked(tmp_path: Path, name: str) -> None:
+def test_missing_joints_are_completed_by_tracking(tmp_path: Path, name: str) -> None:
     layout = upper_half(EVERY[name])
     clip = held_still(motion(45, 2), layout)
     path = tmp_path / "half.bvh"
@@ -168,16 +168,18 @@ def crab(pairs: int) -> list[tuple[str, str]]:
     return [(("Shell", "Body")[k % 2], CRAB_LEG.format(k=k, z=4 * k - 6)) for k in range(pairs)]
 
 
-@pytest.mark.parametrize(("limbs", "said"), [
+@pytest.mark.parametrize(("limbs", "message"), [
     (crab(1), "'LLeg0a' and 'RLeg0a' begin limbs, besides its arms"),
     (crab(2), "begin limbs, besides its arms, that are no legs by name"),
     (crab(4), "begin limbs, besides its arms, that are no legs by name"),
     ([("Body", BIRD_LEG), ("Shell", WING)], "'LeftWing' and 'RightWing' begin limbs, besides its legs"),
 ])  # fmt: skip
 @pytest.mark.parametrize("has_head", [True, False])
-def test_creatures_with_arms_or_legs_by_name_are_no_halves(limbs: list, said: str, has_head: bool) -> None:
-    claws = [] if "wing" in said.lower() else [("Shell", CLAW)]
-    with pytest.raises(BodysenseError, match=rf"^take.bvh: not a humanoid: .*{said}.*bodysense data joints take.bvh"):
+def test_creatures_with_arms_or_legs_by_name_are_no_halves(limbs: list, message: str, has_head: bool) -> None:
+    claws = [] if "wing" in message.lower() else [("Shell", CLAW)]
+    with pytest.raises(
+        BodysenseError, match=rf"^take.bvh: not a humanoid: .*{message}.*bodysense data joints take.bvh"
+    ):
         of(creature([*limbs, *claws], has_head))
 
 
@@ -217,7 +219,7 @@ def test_halves_in_clothes_are_read(name: str, half: Callable[[Layout], Layout])
 @pytest.mark.parametrize("sides", [["left"], ["left", "right"]])
 @pytest.mark.parametrize("name", USUAL)
 def test_arms_without_an_elbow_are_not_shifted(name: str, sides: list[str]) -> None:
-    """The forearm is cut off, and the upper arm ends where it began: its shoulder is no elbow."""
+    """An arm without a forearm ends at the elbow; its shoulder is not taken for an elbow."""
     whole = EVERY[name]
     cut = without(whole, "|".join(f"{side}_elbow" for side in sides))
     ends: Bones = [("End Site", mapped(whole)[f"{side}_shoulder"], f"{side}_elbow") for side in sides]

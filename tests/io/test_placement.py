@@ -16,7 +16,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source, read_source
-from bodysense.io.placement import BodyPlacement, footing_of, placement_of, read_placed, standing_floor
+from bodysense.io.placement import BodyPlacement, footing_of, placement_of, read_with_placement, standing_floor
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.open import open_source
 from bodysense_lab.bodies import body_lines, pool_footings
@@ -66,7 +66,7 @@ def test_a_body_that_stands_still_keeps_the_default_height(tmp_path: Path) -> No
     poses, trans = walk(model, np.zeros(2), seconds=2.0)
     poses[:] = poses[0]
     path = save_walk(tmp_path / "still.npz", poses, 0 * trans, np.zeros(2), 1.2)
-    clip, found = read_placed(path)
+    clip, found = read_with_placement(path)
     assert found.source == "default" and "too few steps" in found.remark
     assert clip.pose.skeleton.height == pytest.approx(SKELETON.height)
     assert np.abs(lowest_soles(clip.pose)).max() < 1e-6
@@ -89,7 +89,7 @@ def test_a_box_and_a_flight_are_no_floor() -> None:
     assert standing_floor(flying) == 0.0
 
 
-def test_who_climbs_began_on_the_floor() -> None:
+def test_a_climber_starts_on_the_floor() -> None:
     """A third of the time on the floor and the rest on a step of 12 cm: the floor is the lower one."""
     clip = _on_toes(0.02, 0.3)
     root = clip.pose.root_position.copy()
@@ -97,8 +97,8 @@ def test_who_climbs_began_on_the_floor() -> None:
     assert standing_floor(replace(clip, pose=replace(clip.pose, root_position=root))) == pytest.approx(0.02, abs=2e-3)
 
 
-@pytest.mark.parametrize("told", [None, 0.0, 0.01])
-def test_files_of_a_known_skeleton_get_their_floor_too(tmp_path: Path, told: float | None) -> None:
+@pytest.mark.parametrize("floor", [None, 0.0, 0.01])
+def test_files_of_a_known_skeleton_get_their_floor_too(tmp_path: Path, floor: float | None) -> None:
     model = made_up_model()
     poses, trans = walk(model, np.zeros(2), seconds=2.0)
     poses[:] = poses[0]
@@ -107,8 +107,8 @@ def test_files_of_a_known_skeleton_get_their_floor_too(tmp_path: Path, told: flo
     before = read_source(known, ReadingOptions(floor=0.0))
     over = float(lowest_soles(before.pose)[0])
     lifted = save_walk(tmp_path / "lifted.npz", poses, 0 * trans + [0, 0, 0.03 - over], np.zeros(2), 0.0)
-    clip = read_source(replace(known, path=lifted), ReadingOptions(floor=told))
-    np.testing.assert_allclose(lowest_soles(clip.pose), 0.0 if told is None else 0.03 - told, atol=1e-4)
+    clip = read_source(replace(known, path=lifted), ReadingOptions(floor=floor))
+    np.testing.assert_allclose(lowest_soles(clip.pose), 0.0 if floor is None else 0.03 - floor, atol=1e-4)
 
 
 def test_recorded_feet_stand_on_the_floor(motion_data: Path) -> None:
@@ -146,7 +146,7 @@ def test_motions_of_a_person_are_pooled(tmp_path: Path) -> None:
     steps = save_walk(tmp_path / "steps.npz", poses, trans, betas)
     box = save_walk(tmp_path / "box.npz", poses[:40], trans[:1].repeat(40, axis=0), betas, 0.3)
     together = placement_of(pool_footings([footing_of(_bare(steps)), footing_of(_bare(box))]), has_bones=False)
-    clip, used = read_placed(box, known=together)
+    clip, used = read_with_placement(box, known=together)
     assert used == together and together.source == "steps"
     assert lowest_soles(clip.pose)[0] == pytest.approx(0.3, abs=0.03)
     assert stature(clip.pose.skeleton.rest_offset) == pytest.approx(1.9, abs=0.1)

@@ -1,4 +1,4 @@
-"""Readers that others wrote open our files: Khronos' validator, three-vrm, and Blender, which also takes a picture."""
+"""Independent readers open our files: Khronos' validator, three-vrm, and Blender, which also renders a picture."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bodysense.demo import packaged_performance
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.humanoid import VRM_BONES, t_posed
 from bodysense.io.gltf.vrma import write_vrma
-from bodysense.io.gltf.written import write_glb
+from bodysense.io.gltf.writer import write_glb
 
 MODULES = Path(__file__).parents[2] / "web" / "node_modules"
 VALIDATE = """
@@ -111,7 +111,7 @@ def test_khronos_validator_finds_nothing_wrong(clip: Clip, tmp_path: Path) -> No
 
 @pytest.mark.slow
 def test_three_vrm_reads_our_animation(clip: Clip, tmp_path: Path) -> None:
-    """What it would give an avatar's normalised bones, put together by our kinematics, is the motion."""
+    """The rotations for an avatar's normalised bones reproduce the motion in our kinematics."""
     write_vrma(tmp_path / "a.vrma", clip)
     found = run_node(tmp_path, "read.mjs", READ_VRMA, "@pixiv/three-vrm-animation", tmp_path / "a.vrma")
     assert found["duration"] == pytest.approx(clip.time[-1])
@@ -148,5 +148,5 @@ def test_blender_places_joints_where_we_do_and_shows_a_body(clip: Clip, tmp_path
             found = np.array([place[0], place[2], -place[1]])
             assert np.linalg.norm(found - ours[int(frame), clip.pose.skeleton.index(name)]) < 1e-5, (frame, name)
     with Image.open(picture) as image:
-        shown = np.asarray(image)[..., 3] > 128
-    assert 0.02 < shown.mean() < 0.5
+        opaque = np.asarray(image)[..., 3] > 128
+    assert 0.02 < opaque.mean() < 0.5

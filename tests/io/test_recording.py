@@ -1,4 +1,4 @@
-"""Recordings: what is written comes back, and nothing that is not a recording gets further than one clear line."""
+"""Recordings: round trips, and one clear line for any other file."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def test_json_of_any_kind(folder: Path, key: str, value: Any) -> None:
     read_or_refuse(path)
 
 
-# --- what is wrong, said in words
+# --- errors in plain words
 
 Change = Callable[[dict[str, np.ndarray]], object]
 WRONG_ARRAYS: dict[str, tuple[Change, str]] = {
@@ -232,7 +232,7 @@ WRONG_ARRAYS: dict[str, tuple[Change, str]] = {
         lambda a: a.update(points=np.array(["head", "head"])),
         "a point is named twice; names must differ",
     ),
-    "NaN said to be seen": (
+    "NaN marked as seen": (
         lambda a: a["has_position"].__setitem__((2, 1), True) or a["position"].__setitem__((2, 1), np.nan),
         "has_position says that 'neck' is tracked at frame 2, but its position is not finite; clear the mask there",
     ),
@@ -333,7 +333,7 @@ def test_a_motion_is_not_a_recording(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("ending", [".npz", ".jsonl"])
-def test_what_cannot_be_read_back_is_not_written(tmp_path: Path, ending: str) -> None:
+def test_unreadable_recordings_are_not_written(tmp_path: Path, ending: str) -> None:
     good = example()
     path = tmp_path / f"a{ending}"
     seen = good.observation

@@ -1,4 +1,4 @@
-"""Resampling: what it must keep."""
+"""Resampling: shared times, rates and interpolation."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_one_frame_and_the_same_rate(make_clip) -> None:
 
 
 @pytest.mark.parametrize("rate", [0.0, -30.0, float("nan"), float("inf")])
-def test_a_rate_that_cannot_be(make_clip, rate: float) -> None:
+def test_invalid_rates_are_refused(make_clip, rate: float) -> None:
     with pytest.raises(BodysenseError, match=r"frame rate .* Hz cannot be; give a positive number"):
         resample(make_clip(), rate)
 

@@ -1,4 +1,4 @@
-"""A rest pose from the motion: only where the file's own is none, and from the frame that stands best."""
+"""A rest pose from the motion: used if the file's own is unusable, and taken from the frame that stands best."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_the_frame_that_stands_best_is_taken(waving_clip, reframe, seed: int) ->
     assert off.max() < 25  # fingers hang curled in that frame, which is taken for straight
 
 
-def test_a_motion_that_never_stands_is_told(waving_clip, reframe) -> None:
+def test_a_motion_that_never_stands_is_reported(waving_clip, reframe) -> None:
     rotation = waving_clip.pose.rotation.copy()
     rotation[:, 0] = quaternion_multiply(about("X", 90.0), rotation[:, 0])
     lying = replace(waving_clip, pose=Pose(waving_clip.pose.skeleton, waving_clip.pose.root_position, rotation))

@@ -1,4 +1,4 @@
-"""Files of every rig are read without options, to the millimetre; spoilt ones are righted and said, or refused."""
+"""Files of every rig are read without options to 1 mm; damaged ones are corrected with a remark, or refused."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def of(text: str, name: str = "take.bvh", **options) -> Rigged:
 
 
 def worst(rigged: Rigged, clip: Clip, layout: Layout) -> float:
-    """Largest distance, m, between points that stand in the rig and the same in the motion that was written."""
+    """Return the largest distance, m, between points of the rig and of the written motion."""
     points = [name for name in mapped(layout) if name in rigged.rig.joints]
     assert set(NEEDED) - set(layout.lacks) <= set(points)
     ours = clip.pose.skeleton.indices(points)
@@ -62,7 +62,7 @@ def test_a_rig_is_read_without_options(name: str) -> None:
     assert rig.confidence > 0.4, rig.line()
 
 
-# --- what is wrong with a world is righted, and said ---
+# --- wrong worlds are corrected and reported ---
 
 WORLDS = {
     "upside down": (Rotation.from_euler("X", 180, degrees=True), 0.0),
@@ -77,7 +77,7 @@ WORLDS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*LAYOUTS, *list(MORE | FURTHER)[::3]])
-def test_no_spoilt_world_is_taken_as_it_is(name: str) -> None:
+def test_wrong_worlds_are_corrected_or_refused(name: str) -> None:
     layout = EVERY[name]
     clip = held_still(motion(12, 50), layout)
     points = [point for point in mapped(layout) if not point.endswith(("_top", "_tip"))]
@@ -90,27 +90,27 @@ def test_no_spoilt_world_is_taken_as_it_is(name: str) -> None:
         ours = clip.pose.skeleton.indices(found)
         heights = [forward_kinematics(one.pose)[0][:, ours, 1] for one in (rigged.clip, clip)]
         assert np.abs(heights[0] - heights[1]).max() < 0.06, (world, rigged.rig.line())
-        said = rigged.rig.line()
+        line = rigged.rig.line()
         if turn is None:
-            assert "floor at 0," not in said
+            assert "floor at 0," not in line
         elif layout.up == "y":
-            assert f", {rigged.rig.up} up," in said or "upside down" in said
+            assert f", {rigged.rig.up} up," in line or "upside down" in line
 
 
 def unit_of(layout: Layout) -> dict[str, str]:
-    return {} if layout.told_unit else {"unit": str(layout.unit)}
+    return {} if layout.has_known_unit else {"unit": str(layout.unit)}
 
 
 @pytest.mark.parametrize("scale", [0.3, 2.1, 17.0])
-def test_a_body_of_no_known_unit_is_scaled_and_that_is_said(scale: float) -> None:
+def test_a_body_of_unknown_unit_is_scaled_and_reported(scale: float) -> None:
     clip = of_other_size(motion(6, 50), 1.0)
     rig = of(write(LAYOUTS["Mixamo"], clip, scale=scale)).rig
     assert "unknown unit, scaled to 1.70 m" in rig.line() and rig.height == pytest.approx(1.7)
-    told = of(write(LAYOUTS["Mixamo"], clip, scale=scale), unit=str(0.01 / scale), height=1.8)
-    assert told.clip.pose.skeleton.height == pytest.approx(1.8)
+    given = of(write(LAYOUTS["Mixamo"], clip, scale=scale), unit=str(0.01 / scale), height=1.8)
+    assert given.clip.pose.skeleton.height == pytest.approx(1.8)
 
 
-def test_what_is_told_goes_before_what_is_found() -> None:
+def test_given_options_override_inferred_values() -> None:
     text = write(LAYOUTS["Unreal"], motion(6, 50))
     rig = of(text, up="y", floor=0.5, unit="in").rig
     assert (rig.up, rig.lift, rig.unit) == ("y", -0.5, 0.0254)
@@ -145,7 +145,7 @@ def renamed(bones: Bones, rng: random.Random) -> tuple[Bones, dict[str, str]]:
 
 
 @pytest.mark.parametrize("name", LAYOUTS)
-def test_structure_alone_tells_a_body(name: str) -> None:
+def test_a_body_is_recognised_by_structure_alone(name: str) -> None:
     layout = LAYOUTS[name]
     bones, _ = renamed(layout.bones, random.Random(name))
     blank = replace(layout, bones=bones)
@@ -199,7 +199,7 @@ def rigs(draw: st.DrawFn) -> Layout:
         unit=draw(st.sampled_from([1.0, 0.01, 0.001, 0.0254])),
         up=draw(st.sampled_from(["y", "z", "-y"])),
         rest=draw(st.sampled_from(["T", "A", "hanging", "along y", "odd"])),
-        placed=draw(st.booleans()),
+        has_positions=draw(st.booleans()),
     )
 
 

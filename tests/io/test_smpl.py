@@ -1,4 +1,4 @@
-"""Results of SMPL as video tools write them: layouts, axes, what is missing, what is refused."""
+"""SMPL results of video tools: layouts, axes, missing arrays and refused files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BODY, HAND = 22, 15
 
 @pytest.fixture(scope="module")
 def vectors(waving_clip: Clip) -> np.ndarray:
-    """(T, 52, 3) axis-angle of somebody who waves."""
+    """Axis-angle (T, 52, 3) of a waving person."""
     rotation = np.asarray(waving_clip.pose.rotation)[:, :, [1, 2, 3, 0]]
     return Rotation.from_quat(rotation.reshape(-1, 4)).as_rotvec().reshape(len(rotation), 52, 3)
 
@@ -82,7 +82,7 @@ AXES = {"+Y": [0, 0, 0], "-Y": [180, 0, 0], "+Z": [90, 0, 0], "-Z": [-90, 0, 0],
 
 
 @pytest.mark.parametrize("up", ["+Y", "-Y", "+Z", "-X"])
-def test_the_way_up_is_found(tmp_path: Path, waving_clip: Clip, vectors: np.ndarray, up: str) -> None:
+def test_the_up_axis_is_found(tmp_path: Path, waving_clip: Clip, vectors: np.ndarray, up: str) -> None:
     """Cameras look along +Z with +Y down; some tools have +Z up; whichever it is, the body stands."""
     turn = Rotation.from_euler("xyz", AXES[up], degrees=True)
     turned = vectors.copy()
@@ -103,7 +103,7 @@ def test_the_floor_is_found(tmp_path: Path, waving_clip: Clip, vectors: np.ndarr
     assert clip.pose.root_position[0, 2] == pytest.approx(3)
 
 
-def test_what_is_missing_is_said(tmp_path: Path, vectors: np.ndarray) -> None:
+def test_missing_arrays_are_reported(tmp_path: Path, vectors: np.ndarray) -> None:
     np.save(tmp_path / "a.npy", vectors[:, :24].reshape(-1, 72))
     clip, remarks = read_smpl(tmp_path / "a.npy")
     assert any("no translation" in remark for remark in remarks) and any("30 Hz" in remark for remark in remarks)
@@ -151,7 +151,7 @@ def wrong(v: np.ndarray) -> dict[str, tuple[dict[str, object], str]]:
 
 
 @pytest.mark.parametrize("what", wrong(np.zeros((90, 52, 3))))
-def test_what_is_wrong_is_said(tmp_path: Path, vectors: np.ndarray, what: str) -> None:
+def test_errors_name_the_problem(tmp_path: Path, vectors: np.ndarray, what: str) -> None:
     arrays, message = wrong(vectors)[what]
     np.savez(tmp_path / "a.npz", **arrays)  # type: ignore[arg-type]
     with pytest.raises(BodysenseError, match=message) as caught:
@@ -160,7 +160,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, vectors: np.ndarray, what: str) -
 
 
 @pytest.mark.parametrize("name", ["a.pkl", "a.pt", "a.npy"])
-def test_pickles_are_refused_with_the_way_on(tmp_path: Path, name: str) -> None:
+def test_pickles_are_refused_with_a_conversion_command(tmp_path: Path, name: str) -> None:
     if name.endswith(".npy"):
         np.save(tmp_path / name, np.array({"poses": np.zeros((3, 72))}, dtype=object), allow_pickle=True)
     else:

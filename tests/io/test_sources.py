@@ -1,4 +1,4 @@
-"""Folders of motion: the described layout, any other, and what is said where there is nothing."""
+"""Folders of motion: the described layout, other layouts, and errors for empty folders."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def described(tmp_path: Path, make_clip) -> Path:
 
 
 def test_the_folder_of_one_set_is_described_too(described: Path) -> None:
-    """Its people, splits, categories and bodies are those that the folder above it tells."""
+    """People, splits, categories and bodies come from the description in the folder above."""
     whole = [source for source in list_sources(described) if source.path.parent.parent.name == "cmu"]
     part = list_sources(described / "cmu")
     assert [source.path for source in part] == [source.path for source in whole]
@@ -115,13 +115,13 @@ def test_any_other_folder_is_split_by_person(tmp_path: Path, make_clip) -> None:
     assert sorted(found) == sorted(s.person for s in sources)
 
 
-def test_splits_are_stable_and_of_the_shares_said() -> None:
+def test_splits_are_stable_and_have_the_documented_shares() -> None:
     assert (split_of("anna"), split_of("")) == ("train", "val")  # fixed for ever: a change would leak people
     share = [sum(split_of(str(k)) == which for k in range(3000)) / 3000 for which in SPLITS]
     np.testing.assert_allclose(share, [0.8, 0.1, 0.1], atol=0.02)
 
 
-def test_where_there_is_nothing(tmp_path: Path, described: Path) -> None:
+def test_a_folder_without_motion_is_refused(tmp_path: Path, described: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(BodysenseError, match=r"empty: no .bvh or .npz file in it; give a folder of motion files"):
         open_clips(tmp_path / "empty")
@@ -135,7 +135,7 @@ def test_where_there_is_nothing(tmp_path: Path, described: Path) -> None:
         open_clips(described, "dev")  # type: ignore[arg-type]
 
 
-def test_files_that_are_no_motion(tmp_path: Path) -> None:
+def test_files_without_motion_are_refused(tmp_path: Path) -> None:
     (tmp_path / "a.fbx").write_text("x")
     (tmp_path / "b.bvh").write_text("")
     (tmp_path / "c.npz").write_text("not a zip file")

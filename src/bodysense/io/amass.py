@@ -69,7 +69,7 @@ def read_shape(path: str | Path) -> tuple[np.ndarray, str]:
 
 
 def _axis_angle(path: Path, arrays: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Rotations (T, 52, 3), axis-angle, in SMPL-H order."""
+    """Return rotations (T, 52, 3), axis-angle, in SMPL-H order."""
     if "poses" in arrays:
         poses = checked_array(path, arrays, "poses", (None, None))
         if poses.shape[1] not in _LAYOUT:
@@ -114,7 +114,7 @@ def checked_array(path: Path, arrays: Mapping[str, np.ndarray], key: str, shape:
         raise BodysenseError(
             f"{path}: {key!r} has shape {array.shape} of {array.dtype}; it must be numbers {_shape_text(shape)}"
         )
-    is_whole = array.dtype.kind != "f"  # a table of joints, in which a number may stand for none
+    is_whole = array.dtype.kind != "f"  # an integer table may mark missing values by a number
     array = array.astype(np.float64)
     if not (is_whole or sound(array).all()):
         row = int(np.argwhere(~sound(array))[0][0])

@@ -33,11 +33,11 @@ class MotionFile:
 
     @property
     def place(self) -> Path:
-        """Where it is, for messages and for its name: `session1/take2.zip/take2_deep1.bvh`."""
+        """Path for messages and names: `session1/take2.zip/take2_deep1.bvh`."""
         return self.path / self.member.lstrip("/") if self.member else self.path
 
     def inside(self, directory: Path) -> PurePosixPath:
-        """Its place relative to `directory`, a zip file counted as the folder that unpacking it would make."""
+        """Return the path relative to `directory`; a zip file counts as the folder of its unpacked copy."""
         place = PurePosixPath(self.path.relative_to(directory).as_posix())
         return place.with_suffix("") / self.member.lstrip("/") if self.path.suffix.lower() == ZIP else place
 
@@ -87,7 +87,7 @@ class MotionFile:
 
 
 def motion_files(directory: Path) -> list[MotionFile]:
-    """The .bvh and .npz files below a folder and the .bvh members of the zip files there, sorted.
+    """Return the .bvh and .npz files below a folder and the .bvh members of its zip files, sorted.
 
     A zip file next to its own unpacked copy is counted once, as the copy. A zip file that is damaged or has no .bvh is
     listed itself, so that reading it reports the error.
@@ -108,7 +108,7 @@ def motion_files(directory: Path) -> list[MotionFile]:
 
 
 def _members(path: Path) -> list[str]:
-    """Names of the BVH files in a zip file."""
+    """Return the names of the BVH files in a zip file."""
     with zipfile.ZipFile(path) as archive:
         names = [entry.filename for entry in archive.infolist() if entry.filename.lower().endswith(".bvh")]
     return [name for name in names if not _is_shadow(PurePosixPath(name))]

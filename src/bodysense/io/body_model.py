@@ -1,4 +1,4 @@
-"""SMPL, SMPL-H and SMPL-X model files (.npz) that a user has: the bones of a body from its shape coefficients.
+"""SMPL, SMPL-H and SMPL-X model files (.npz): the bones of a body from its shape coefficients.
 
 Joints are `J_regressor` · (`v_template` + `shapedirs` · betas), SMPL eq. 10 (Loper et al. 2015). The models are not
 included: their licences forbid it.
@@ -46,7 +46,7 @@ class BodyModel:
     sole_directions: np.ndarray  # (F, 3, B)
 
     def shape(self, betas: np.ndarray) -> Shape:
-        """Return the body of coefficients (N,). Those beyond the model's own are left out: each refines the others."""
+        """Return the body of coefficients (N,). Coefficients that the model lacks are ignored."""
         betas = np.asarray(betas, dtype=float)[: self.joint_directions.shape[2]]
         place = self.joints + self.joint_directions[..., : len(betas)] @ betas
         lowest = (self.soles + self.sole_directions[..., : len(betas)] @ betas)[:, 1].min()
@@ -56,7 +56,7 @@ class BodyModel:
 
 
 def shape_in_file(path: Path, place: Path) -> Shape:
-    """Return the body of the `betas` and the gender in a file, by the model at `place`, as `model_for` takes it."""
+    """Return the body of the `betas` and the gender in a file; `place` is a model file or a folder (`model_for`)."""
     betas, gender = read_shape(path)
     return model_for(place, gender).shape(betas)
 
@@ -83,7 +83,7 @@ def _gender_of(path: Path) -> str:
 
 
 def read_model(path: Path) -> BodyModel:
-    """Read a model file, once for each change of it. A .pkl is refused, with its conversion."""
+    """Read a model file; cached until the file changes. Refuse a .pkl with a command that converts it."""
     if path.suffix != ".npz":
         keep = "v_template=np.array(m['v_template']), shapedirs=np.array(m['shapedirs']), kintree_table=np.array("
         script = f"import pickle, numpy as np; m = pickle.load(open('{path.name}', 'rb'), encoding='latin1'); "
@@ -98,7 +98,7 @@ def read_model(path: Path) -> BodyModel:
 
 @lru_cache(maxsize=3)
 def _read_model(path: Path, changed: int) -> BodyModel:
-    """Read a model file that was last changed at that time."""
+    """Read a model file; `changed` is its modification time, the key of the cache."""
     arrays = read_arrays(path, ("J_regressor", "v_template", "kintree_table", "shapedirs"))
     vertices = checked_array(path, arrays, "v_template", (None, 3))
     directions = checked_array(path, arrays, "shapedirs", (len(vertices), 3, None))

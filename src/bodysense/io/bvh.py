@@ -1,4 +1,4 @@
-"""BVH files: figures and clips read, clips written whole or frame by frame.
+"""BVH files: read figures and clips, write clips whole or frame by frame.
 
 A joint's channels turn it in the order they are listed (intrinsic: Zrotation Xrotation Yrotation is R = Rz · Rx · Ry);
 position channels replace its OFFSET, as MotionBuilder and Blender have it.
@@ -19,11 +19,11 @@ from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes, written_beside
 from bodysense.io.bvh_text import BvhFile, parse_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.rigs.figure import Figure, placed
+from bodysense.io.rigs.figure import Figure, positions_in_parent
 
 _UNIT, _ORDER = 0.01, "ZXY"  # m of a file unit, and the channels' order, unless others are given
-_BLOCK = 256  # frames that are written at once
-_DIGITS = 12  # of the number of frames, which is written last
+_BLOCK = 256  # frames written at once
+_DIGITS = 12  # digits reserved for the number of frames, which is written last
 _SAME = 1e-4  # frames; Unix times are exact to 3e-7 s
 _ROUNDED = 0.05  # frames by which the last one may come early: containers round times to a millisecond
 
@@ -31,7 +31,7 @@ _ROUNDED = 0.05  # frames by which the last one may come early: containers round
 def read_bvh(path: str | Path, unit: float = _UNIT) -> Clip:
     """Read a BVH file of one figure: its own joints, names, axes and rest pose; `unit` is metres of a file unit.
 
-    An End Site is named after its joint, 'LeftToeBase_end', and dropped where it has no length. Frame times that round
+    An End Site is named after its joint, 'LeftToeBase_end', and dropped if it has no length. Frame times that round
     to a whole rate (0.0333333 s) give that rate. Joints other than the root may have position channels: of a joint
     that moves in its parent, the median place is its offset. `bodysense.read` recognises unit, axes and joints.
 
@@ -76,14 +76,14 @@ def _figure(file: BvhFile, root: int) -> Figure:
         parents=tuple(-1 if k == root else point[file.tree[k].parent] for k in nodes),
         offset=offset,
         rotation=file.rotation[:, joints],
-        position=placed(position, offset),
+        position=positions_in_parent(position, offset),
         frame_rate=file.frame_rate,
         nodes=tuple(nodes),
     )
 
 
 def _unique(names: list[str]) -> tuple[str, ...]:
-    """The names, numbered from the second on where they repeat: a_end, a_end2."""
+    """Return the names; repeated ones are numbered from the second on: a_end, a_end2."""
     taken: set[str] = set()
     result: list[str] = []
     for name in names:
@@ -100,7 +100,7 @@ def write_bvh(path: str | Path, clip: Clip, unit: float = _UNIT, order: str = _O
     """Write a clip as a BVH file of its own joints: positions in units of `unit` metres, angles in degrees.
 
     Every joint has rotation channels in `order`, the root position channels before them; both are written to six
-    decimals. The file appears whole or not at all: it is written beside `path` and then renamed. Raises BodysenseError
+    decimals. The file appears whole or not at all: it is written next to `path` and then renamed. Raises BodysenseError
     for a clip that is not one finite motion, a wrong order, or a folder that cannot be written.
     """
     path, pose, frame_rate = Path(path), clip.pose, clip.frame_rate
@@ -121,7 +121,7 @@ def write_bvh(path: str | Path, clip: Clip, unit: float = _UNIT, order: str = _O
 
 
 class BvhStream(AbstractContextManager["BvhStream"]):
-    """A BVH file that is written as motion comes, at a constant rate; it appears when the block ends well.
+    """Writer of a BVH file frame by frame, at a constant rate; the file appears when the block ends without an error.
 
     Frames may come at any times: rotations between them are interpolated along the shorter arc, the root linearly.
     """
@@ -191,7 +191,7 @@ def _write_frames(
 
 
 def _hierarchy(skeleton: Skeleton, unit: float, order: str) -> tuple[str, list[int]]:
-    """The HIERARCHY section, and the joints in the order in which they stand there."""
+    """Return the HIERARCHY section, and the joints in its order."""
     odd = [name for name in skeleton.joints if name != name.strip() or not name or any(c in name for c in "{}\r\n")]
     if odd:
         raise BodysenseError(f"the joint name {odd[0]!r} cannot stand in a BVH file; rename it")

@@ -1,4 +1,4 @@
-"""BVH files as text: parsed into joints and numbers, which are replaced without changing any other byte."""
+"""BVH files as text: joints and numbers. Numbers are replaced without changing any other byte."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, q
 from bodysense.errors import BodysenseError
 from bodysense.files import HUGE, check_plain, read_bytes, sound, written_beside
 
-_BLOCK = 256  # frames that are converted at once
+_BLOCK = 256  # frames converted at once
 MOST_NODES = 20_000  # joints and end sites; no body has a tenth of them
 
 _TOKEN = re.compile(
@@ -84,7 +84,7 @@ class BvhFile:
         return tuple(b" ".join(words[k : k + count]) + b"\n" for k in range(0, frames * count, count))
 
     def columns_of(self, joint: int, kind: str) -> list[int]:
-        """The columns of a joint's channels of one kind, 'rotation' or 'position'."""
+        """Return the columns of a joint's channels of one kind, 'rotation' or 'position'."""
         return [k for k, name in zip(self.columns[joint], self.channels[joint], strict=True) if name.endswith(kind)]
 
     def axes_of(self, joint: int) -> list[int]:
@@ -137,7 +137,7 @@ class BvhFile:
         return place
 
     def without_places(self, gone: np.ndarray) -> BvhFile:
-        """The file without the positions of joints where `gone` (T, J)."""
+        """Return the file without the positions of joints where `gone` (T, J)."""
         values = self.values.copy()
         for joint in np.flatnonzero(gone.any(axis=0)).tolist():
             for column in self.columns_of(joint, "position"):
@@ -145,7 +145,7 @@ class BvhFile:
         return replace(self, values=values)
 
     def with_values(self, values: np.ndarray, changed: np.ndarray) -> BvhFile:
-        """The file with other numbers (T, C) where `changed` (T, C); the text of all others stays."""
+        """Return the file with other numbers (T, C) where `changed` (T, C); the text of all others stays."""
         if not np.isfinite(values[changed]).all():
             raise BodysenseError(f"{self.path}: numbers to be written are not finite")
         lines = list(self.lines)
@@ -158,9 +158,9 @@ class BvhFile:
         return replace(self, motion=b"".join(lines), values=np.where(changed, values, self.values))
 
     def with_rotation(self, rotation: np.ndarray, changed: np.ndarray) -> BvhFile:
-        """The file with other local rotations (T, J, 4) where `changed` (T, J).
+        """Return the file with other local rotations (T, J, 4) where `changed` (T, J).
 
-        Angles are those nearest to the frame before. A joint with one or two axes turns as near as these let it.
+        Angles are those nearest to the frame before. A joint with one or two axes gets the nearest possible rotation.
         """
         values, columns_changed = self.mended.values.copy(), np.zeros(self.values.shape, dtype=bool)
         for joint in np.flatnonzero(changed.any(axis=0)).tolist():
@@ -193,10 +193,10 @@ class BvhFile:
 
 
 def euler_near(rotation: np.ndarray, order: str, before: np.ndarray) -> np.ndarray:
-    """Angles (T, n) of rotations (T, 4), each nearest to the frame before, the first to `before` (n,); radians.
+    """Return angles (T, n) of rotations (T, 4), each nearest to the frame before, the first to `before` (n,); radians.
 
-    A rotation has two triples of angles, and each angle has its whole turns; those are chosen that move least. For
-    fewer than three axes the angles about the others, which come last, are left out.
+    A rotation has two triples of angles, and an angle may have whole turns added; the choice moves least. For fewer
+    than three axes, the angles about the others are dropped.
     """
     one = quaternion_to_euler(rotation, order + "".join(axis for axis in "XYZ" if axis not in order))
     other = np.array([1, -1, 1]) * one + np.pi
@@ -209,7 +209,7 @@ def euler_near(rotation: np.ndarray, order: str, before: np.ndarray) -> np.ndarr
 
 
 def parse_bvh(data: bytes, path: Path) -> BvhFile:
-    """Parse a file's bytes, wherever they are from; `path` names it in messages.
+    """Parse a file's bytes; `path` names it in messages.
 
     Raises BodysenseError, naming the file, what is wrong and the fix, for anything that is not such a file, and for
     values that are not numbers.
@@ -276,7 +276,7 @@ def _parsed(data: bytes, path: Path) -> BvhFile:
 
 
 def _parse_hierarchy(path: Path, text: str) -> list[Node]:
-    """The joints and End Sites of a file, parents before children."""
+    """Return the joints and End Sites of a file, parents before children."""
     nodes: list[Node] = []
     stack: list[int] = []
     declared: int | None = None  # a node whose '{' is still to come
@@ -333,8 +333,8 @@ def _three_numbers(text: str, broken: Callable[[str], BodysenseError]) -> tuple[
     try:
         numbers = tuple(float(word) for word in text.split())
     except ValueError:
-        said = "has commas for decimal points; put points" if "," in text else "is not three numbers"
-        raise broken(f"OFFSET {' '.join(text.split())!r} {said}") from None
+        problem = "has commas for decimal points; put points" if "," in text else "is not three numbers"
+        raise broken(f"OFFSET {' '.join(text.split())!r} {problem}") from None
     if not sound(np.array(numbers)).all():
         raise broken(f"OFFSET {' '.join(text.split())!r} is not finite, or beyond {HUGE:g}")
     return numbers

@@ -24,10 +24,10 @@ class Clip:
     name: str
     pose: Pose  # (T, …) NumPy float64, world +Y up, metres
     frame_rate: float  # Hz
-    person: str = ""  # who moves; splits are by person
-    category: str = ""  # what they do, where the data set says
-    has_fingers: bool = True  # False where the recording has no finger motion (they are filled in, relaxed)
-    lacks: tuple[str, ...] = ()  # of `PARTS`, what the recording has not: legs and arms keep still
+    person: str = ""  # name of the performer; splits are by person
+    category: str = ""  # activity, if the data set names it
+    has_fingers: bool = True  # False: not recorded, filled in with a relaxed hand
+    lacks: tuple[str, ...] = ()  # parts of `PARTS` that were not recorded: their legs and arms keep still
 
     def __repr__(self) -> str:
         lacks = f", without {' and '.join(self.lacks)}" if self.lacks else ""
@@ -38,7 +38,7 @@ class Clip:
 
     @property
     def seconds(self) -> float:
-        """Length of the recording."""
+        """Length of the recording in seconds."""
         return len(self) / self.frame_rate
 
     @property
@@ -55,12 +55,12 @@ def at_height(clip: Clip, height: float) -> Clip:
 
 
 def parts_lacking(joints: Collection[str]) -> tuple[str, ...]:
-    """Which of `PARTS` are not among joints of ours."""
+    """Return the names of `PARTS` whose joints are missing among `joints` of the default skeleton."""
     known = {name.rpartition("_")[2] for name in joints}
     return tuple(part for part, (first, *_) in PARTS.items() if first not in known)
 
 
 def part_joints(parts: Collection[str], joints: Collection[str]) -> list[str]:
-    """Which of our joints belong to some of `PARTS`."""
+    """Return the joints of the default skeleton that belong to some of `PARTS`."""
     own = {name for part in parts for name in PARTS[part]}
     return [name for name in joints if name.rpartition("_")[2] in own]

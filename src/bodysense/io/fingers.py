@@ -1,4 +1,4 @@
-"""Fingers that a recording does not have: is there finger motion, and what a relaxed hand looks like."""
+"""Fingers that a recording lacks: detection of finger motion, and the relaxed pose of a hand."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _RELAXED = {
 
 
 def is_finger(joint: str) -> bool:
-    """Whether a joint of ours is one of the 30 finger joints."""
+    """Whether a joint of the default skeleton is one of the 30 finger joints."""
     return joint.rstrip("123").partition("_")[2] in FINGERS
 
 
 def relaxed_rotation(joint: str) -> np.ndarray:
-    """Rotation (4,) of a finger joint, 'left_index1' …, in a relaxed hand: constant, a slight curl."""
+    """Return the rotation (4,) wxyz of a finger joint, 'left_index1' …, in a relaxed hand."""
     side, _, rest = joint.partition("_")
     angle = np.deg2rad(_RELAXED[rest[:-1]][int(rest[-1]) - 1])
     sign = 1.0 if side == "left" else -1.0
@@ -37,11 +37,11 @@ def relaxed_rotation(joint: str) -> np.ndarray:
 
 
 def with_fingers(pose: Pose, missing: Collection[str] = ()) -> tuple[Pose, bool]:
-    """The pose (T, …) on our joints with all its fingers, and whether it has finger motion.
+    """Return the pose (T, …) with all fingers, and whether it has finger motion.
 
-    Finger joints `missing` from the recording are given a relaxed hand's rotations. Of the others: if none turns by
-    more than 0.5° they were not recorded; if they also stay at the identity, they are relaxed too, but a constant hand
-    of the recording's own (a model's mean hand) is kept.
+    Finger joints `missing` from the recording get the rotations of a relaxed hand. If the others all turn by less than
+    0.5°, they were not recorded. They are relaxed, too, if they stay at the identity; another constant hand (a model's
+    mean hand) is kept.
     """
     joints = pose.skeleton.joints
     present = [index for index, joint in enumerate(joints) if is_finger(joint) and joint not in missing]

@@ -30,7 +30,7 @@ _LIMB = ("elbow", "wrist", "knee", "ankle")  # missing together with a shoulder 
 
 @dataclass(frozen=True)
 class Missing:
-    """One item of a list of missing joints: a joint, alone or with its descendants, always or in some frames."""
+    """One item of a list of missing joints: a joint, alone or with its descendants, in all or some frames."""
 
     name: str
     below: bool = False
@@ -40,7 +40,7 @@ class Missing:
 def missing_items(given: str | Sequence[str]) -> tuple[Missing, ...]:
     """Return the items of 'left_forearm,LeftHand+:100-240', or of several such texts.
 
-    A range holds for the names before it in its text, back to the range before: here for both.
+    A range applies to all names since the previous range: here to both.
     """
     return tuple(item for text in ([given] if isinstance(given, str) else given) for item in _items_of(text))
 

@@ -1,7 +1,7 @@
 """MCAP takes in the open schemas of NVIDIA's Isaac Capture: 24 joints of a body, 26 of each hand, as FlatBuffers.
 
 Their world has +Y up and bodies that face −Z, right toward +X: ours turned by half about +Y. Body joints are SMPL's 24,
-hands those of OpenXR. Every record says that the joint was tracked: a completed joint is one the body has.
+hands those of OpenXR. All joints are marked as tracked, completed ones too.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.errors import missing_package
 from bodysense.files import written_beside
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.written import check_motion
+from bodysense.io.gltf.writer import check_motion
 
 BODY_SCHEMA, HAND_SCHEMA = "core.FullBodyPoseRecord", "core.HandPoseRecord"
 BODY_JOINTS = (*BODY, "left_hand", "right_hand")  # the hands are the middle of the knuckles
@@ -37,7 +37,7 @@ _RADIUS = 0.008  # m: of a finger, about
 _HALF_TURN = np.array([0.0, 0.0, 1.0, 0.0])  # wxyz, about +Y: ours to theirs
 _FLIP = np.array([-1.0, 1.0, -1.0])
 _EPOCH = 1_000_000_000  # ns: the first sample, on the common clock
-_DEVICE = 7_000_000_000  # ns later on the device's own clock, which counts from elsewhere
+_DEVICE = 7_000_000_000  # ns: offset of the device's own clock, which has another origin
 
 
 def load_writer() -> Any:
@@ -78,7 +78,7 @@ def write_mcap(path: str | Path, clip: Clip) -> None:
 
 
 def record(joints: np.ndarray | None, times: tuple[int, int, int], all_tracked: bool | None = None) -> bytes:
-    """One record: joints of BODY_LAYOUT (24,) or HAND_LAYOUT (26,), None where nothing is tracked; times in ns."""
+    """Return one record: joints of BODY_LAYOUT (24,) or HAND_LAYOUT (26,), or None without tracking; times in ns."""
     import flatbuffers
 
     builder = flatbuffers.Builder(1200)
@@ -100,7 +100,7 @@ def record(joints: np.ndarray | None, times: tuple[int, int, int], all_tracked: 
 
 
 def _struct(builder: Any, data: bytes, alignment: int = 4) -> int:
-    """Put a struct's bytes where a table's slot wants them."""
+    """Write a struct's bytes at a table's slot."""
     builder.Prep(alignment, len(data))
     builder.head -= len(data)
     builder.Bytes[builder.head : builder.head + len(data)] = data
@@ -108,7 +108,7 @@ def _struct(builder: Any, data: bytes, alignment: int = 4) -> int:
 
 
 def _body(skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """(T, 24) joints of BODY_LAYOUT."""
+    """Return joints (T, 24) of BODY_LAYOUT."""
     places = skeleton.indices(BODY)
     knuckles = [[f"{side}_{finger}1" for finger in _FINGERS] for side in ("left", "right")]
     hands = np.stack([position[:, skeleton.indices(names)].mean(axis=1) for names in knuckles], axis=1)
@@ -119,7 +119,7 @@ def _body(skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray) -> np.
 
 
 def _hand(skeleton: Skeleton, side: str, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """(T, 26) joints of HAND_LAYOUT; palm and metacarpals stay invalid."""
+    """Return joints (T, 26) of HAND_LAYOUT; palm and metacarpals are invalid."""
     names = [None if name is None else f"{side}_{name}" for name in HAND_JOINTS]
     here = [k for k, name in enumerate(names) if name is not None]
     axes = hand_axes(skeleton, side)
@@ -135,7 +135,7 @@ def _hand(skeleton: Skeleton, side: str, position: np.ndarray, rotation: np.ndar
 
 
 def hand_axes(skeleton: Skeleton, side: str) -> dict[str, np.ndarray]:
-    """For each joint of a hand, OpenXR's axes in the joint's own (wxyz): −Z along the bone, +Y out of its back."""
+    """Return OpenXR's axes in the frame of each joint of a hand (wxyz): −Z along the bone, +Y out of its back."""
     axes = {}
     for name in (f"{side}_wrist", *(f"{side}_{f}{k}" for f in ("thumb", *_FINGERS) for k in (1, 2, 3))):
         toward = f"{side}_middle1" if name.endswith("wrist") else point_beyond(name)
@@ -146,7 +146,7 @@ def hand_axes(skeleton: Skeleton, side: str) -> dict[str, np.ndarray]:
 
 @lru_cache(maxsize=128)
 def _axes(bone: tuple[float, float, float]) -> np.ndarray:
-    """The axes whose −Z is along a bone and whose +Y is as near to up, the back of a flat hand, as can be."""
+    """Return axes with −Z along a bone and +Y nearest to up, the back of a flat hand."""
     z = -np.array(bone)
     y = np.array([0.0, 1.0, 0.0]) - z[1] * z
     y /= np.linalg.norm(y)
@@ -154,7 +154,7 @@ def _axes(bone: tuple[float, float, float]) -> np.ndarray:
 
 
 def _joints(position: np.ndarray, rotation: np.ndarray, layout: np.dtype) -> np.ndarray:
-    """Places (T, J, 3) of ours and rotations (T, J, 4) wxyz of theirs, as valid joints of a layout."""
+    """Return our positions (T, J, 3) and their rotations (T, J, 4) wxyz as valid joints of a layout."""
     joints = np.zeros(position.shape[:-1], dtype=layout)
     joints["position"] = position * _FLIP
     joints["rotation"] = np.roll(rotation, -1, axis=-1)
@@ -165,12 +165,12 @@ def _joints(position: np.ndarray, rotation: np.ndarray, layout: np.dtype) -> np.
 
 
 def ours_from(position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Their places (..., 3) and body rotations x y z w (..., 4) as ours (wxyz)."""
+    """Convert their positions (..., 3) and body rotations x y z w (..., 4) to ours (wxyz)."""
     return position * _FLIP, np.roll(rotation, 1, axis=-1) * np.array([1.0, -1.0, 1.0, -1.0])
 
 
 def hand_rotation(rotation: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Their rotations x y z w (..., 4) of hand joints as ours (wxyz), by the joints' axes (wxyz)."""
+    """Convert their rotations x y z w (..., 4) of hand joints to ours (wxyz) with the joints' axes (wxyz)."""
     theirs = np.roll(rotation, 1, axis=-1)
     back = quaternion_multiply(_HALF_TURN * [1, -1, -1, -1], theirs)
     return quaternion_multiply(back, axes * np.array([1.0, -1.0, -1.0, -1.0]))

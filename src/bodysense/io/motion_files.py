@@ -1,4 +1,4 @@
-"""Motions as files, their format chosen by the ending of the name."""
+"""Motion files; the file name's ending selects the format."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ENDINGS = (".bvh", ".glb", ".vrma", ".mcap")
 
 
 def check_ending(path: Path) -> Path:
-    """Return the path of a motion to be written; raise BodysenseError, before any work, for one that cannot be."""
+    """Return the path of an output file. Raises BodysenseError if its ending is unknown."""
     check_place(path)
     if path.suffix.lower() not in ENDINGS:
         raise BodysenseError(
@@ -50,7 +50,7 @@ def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
         write_mcap(path, clip)
         return
     from bodysense.io.gltf.vrma import write_vrma
-    from bodysense.io.gltf.written import write_glb
+    from bodysense.io.gltf.writer import write_glb
 
     if ending == ".vrma":
         write_vrma(path, clip)
@@ -64,9 +64,9 @@ def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
 
 @contextmanager
 def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float, rig: str = OWN) -> Iterator[BvhStream]:
-    """A motion that is written as it comes; its file appears when the block ends well, if there was any frame.
+    """Return a writer of motion frame by frame; the file appears at the end of the block, if there was any frame.
 
-    Formats other than .bvh, and rigs other than ours, are made of the whole of it in the end.
+    Formats other than .bvh, and rigs other than ours, are converted at the end.
     """
     check_rig(check_ending(path), rig, None)
     if path.suffix.lower() == ".bvh" and rig == OWN:
@@ -87,7 +87,7 @@ def motion_stream(path: Path, skeleton: Skeleton, frame_rate: float, rig: str = 
 
 @contextmanager
 def _folder_beside(path: Path) -> Iterator[Path]:
-    """A hidden folder beside a file that is being written; it is removed in the end."""
+    """Create a hidden folder next to an output file; it is removed at the end of the block."""
     folder = part_beside(path.with_suffix(""))
     folder.mkdir()
     try:

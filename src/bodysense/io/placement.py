@@ -1,4 +1,4 @@
-"""Height and floor of bodies in files that name neither: AMASS without its body model, and floors of any AMASS file.
+"""Height and floor of bodies in files that lack them: AMASS without its body model, and floors of any AMASS file.
 
 A planted foot does not move, so while one is planted the pelvis moves against it as far as the legs are long: the
 ratio of both paths is the body's size. The floor is where feet stand, not at the lowest sole: toes of a foot without a
@@ -21,18 +21,18 @@ from bodysense.io.amass import read_amass
 from bodysense.io.body_model import shape_in_file
 from bodysense.io.clip import Clip
 
-_RATE = 30.0  # Hz at which motions are looked at, at most
-_WINDOW = 4  # frames of it: 0.13 s, the time of a step's path
-_PATH = 0.08  # m that a foot goes, seen from the pelvis, in a window that counts
-_SLIP = 0.2  # largest share of that path that the pelvis does not go
+_RATE = 30.0  # Hz; largest rate at which motions are analysed
+_WINDOW = 4  # frames at that rate: 0.13 s, over which a path is measured
+_PATH = 0.08  # m; least path of a foot relative to the pelvis in a window
+_SLIP = 0.2  # largest share of that path by which the pelvis's differs
 _SIZES = np.linspace(0.6, 1.5, 181)  # sizes of bodies in histograms, of the default one
-_FEWEST = 30  # windows that make a size
+_FEWEST = 30  # windows needed to infer a size
 _LOW = 5  # percentile of the lowest sole's height that is the floor if no foot stands
 _STILL = 0.5  # m/s: a foot that stands is slower, on bodies of another size, too
 _FLAT = 0.03  # m: ankle and ball of a foot that stands are as far over their heights at rest, within this
 _STANDING = 0.3  # s of standing that show a floor
-_FLOOR_SHARE = 25  # percentile of the heights of standing feet that is the floor, for those who climb began on it
-_STEP = 0.15  # m: what is farther from 0 is no floor but a step, a chair or equipment
+_FLOOR_SHARE = 25  # percentile of standing feet's heights taken as the floor; climbers start on it
+_STEP = 0.15  # m; a surface farther from 0 is a step, a chair or equipment
 _FLOOR = 0.01  # m; a nearer floor is taken as 0
 
 
@@ -59,7 +59,7 @@ class BodyPlacement:
 
     @property
     def remark(self) -> str:
-        """A line for users."""
+        """One line for users."""
         sources = {
             "model": f"bones by the body model, {self.height:.2f} m tall",
             "steps": f"{self.height:.2f} m tall by its steps (--smpl-model gives a body its own bones)",
@@ -78,7 +78,7 @@ def body_in_file(path: Path, smpl_model: Path | None) -> Clip:
 
 
 def footing_of(clip: Clip) -> Footing:
-    """Return what a motion tells, on its own skeleton."""
+    """Return the evidence of a motion on its own skeleton."""
     stride = max(1, round(clip.frame_rate / _RATE))
     pose = clip.pose[::stride]
     skeleton, root = pose.skeleton, pose.root_position
@@ -146,7 +146,7 @@ def _standing_frames(point: np.ndarray, skeleton: Skeleton, rate: float) -> np.n
     return np.where(np.asarray(height[0]) <= np.asarray(height[1]), *stands)
 
 
-def placed(clip: Clip, placement: BodyPlacement) -> Clip:
+def apply_placement(clip: Clip, placement: BodyPlacement) -> Clip:
     """Return a motion with the height and the floor of a placement; its path keeps its length."""
     pose = clip.pose
     skeleton = pose.skeleton.with_offsets(pose.skeleton.rest_offset * placement.size)
@@ -154,11 +154,11 @@ def placed(clip: Clip, placement: BodyPlacement) -> Clip:
     return replace(clip, pose=Pose(skeleton, root, pose.rotation))
 
 
-def read_placed(
+def read_with_placement(
     path: Path, smpl_model: Path | None = None, known: BodyPlacement | None = None
 ) -> tuple[Clip, BodyPlacement]:
-    """Read an AMASS file with the height and floor of its person, or if they are unknown with those of this motion."""
+    """Read an AMASS file with the height and floor of its person; without `known`, they come from this motion."""
     clip = body_in_file(path, smpl_model)
     if known is None:
         known = placement_of(footing_of(clip), has_bones=smpl_model is not None)
-    return placed(clip, known), known
+    return apply_placement(clip, known), known

@@ -160,7 +160,7 @@ class Recording:
     observation: Observation
     skeleton: Skeleton
     known: bool = True  # False: the wearer's proportions are unknown, and the skeleton is the default one
-    worn: GloveSet | None = None  # the marker set of its gloves; None: a packaged one, found by the points' names
+    glove_set: GloveSet | None = None  # the marker set of its gloves; None: a packaged one, found by the points' names
     measures_hands: bool = False  # True: the size of the hands is known only from their gloves
 
 
@@ -173,8 +173,8 @@ def write_recording(path: str | Path, recording: Recording) -> None:
         if path.suffix == ".npz":
             _write_npz(beside, recording)
         else:
-            worn_by = recording.skeleton if recording.known else None
-            lines = lines_of(recording.observation, worn_by)
+            known_skeleton = recording.skeleton if recording.known else None
+            lines = lines_of(recording.observation, known_skeleton)
             beside.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -276,7 +276,7 @@ def _has_skeleton(fields: dict[str, Any]) -> bool:
 
 
 def _skeleton(path: Path, fields: dict[str, Any]) -> Skeleton:
-    """The wearer's skeleton: given in full, or the default one."""
+    """Return the wearer's skeleton: given in full, or the default one."""
     if not _has_skeleton(fields):
         return default_skeleton()
     missing = [name for name in SKELETON if name not in fields]

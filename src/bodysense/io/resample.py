@@ -11,12 +11,12 @@ from bodysense.body.rotation import quaternion_canonical, slerp
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 
-_BLOCK = 1000  # frames that are computed at once
+_BLOCK = 1000  # frames computed at once
 _SAME = 1e-4  # frames: places nearer than this to a frame are that frame; Unix times are exact to 3e-7 s
 
 
 def resample(clip: Clip, rate: float) -> Clip:
-    """The clip at `rate` Hz, from its first frame on: rotations by slerp, the root linearly.
+    """Return the clip at `rate` Hz, from its first frame on: rotations by slerp, the root linearly.
 
     Frames at times that both rates share are the source's, bit for bit. Nothing is low-pass filtered: going down
     takes the pose at each new time, as a slower camera would see it.
@@ -31,7 +31,7 @@ def resample(clip: Clip, rate: float) -> Clip:
 
 
 def at_constant_rate(clip: Clip, time: np.ndarray) -> Clip:
-    """A clip whose frames were taken at `time` (T,) seconds, at its `frame_rate` throughout, from the first on."""
+    """Return a clip whose frames were taken at `time` (T,) seconds, resampled to its constant `frame_rate`."""
     time = np.asarray(time, dtype=float)
     if time.shape != (len(clip),) or not np.isfinite(time).all() or (np.diff(time) <= 0).any():
         raise BodysenseError(
@@ -43,7 +43,7 @@ def at_constant_rate(clip: Clip, time: np.ndarray) -> Clip:
 
 
 def _between(pose: Pose, place: np.ndarray) -> Pose:
-    """The pose (T, …) at fractional frames `place` (N,)."""
+    """Return the pose (N, …) at fractional frames `place` (N,)."""
     last = len(pose.root_position) - 1
     nearest = np.round(place)
     place = np.clip(np.where(np.abs(place - nearest) < _SAME, nearest, place), 0, last)

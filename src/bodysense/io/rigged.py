@@ -1,8 +1,7 @@
 """BVH files of any rig as clips in canonical form: parsed, recognised, in metres, +Y up, floor at 0.
 
-A file's bodies are its human figures, whether each has a root of its own or several share one.
-
-Flat trees, in which all joints are children of one root or are roots, are rebuilt as a body's tree, by name.
+A file's bodies are its human figures, with one root each or a shared one. Flat trees, in which all joints are children
+of one root or are roots, are rebuilt as a body's tree, by name.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ from bodysense.io.rigs.rig import Rig, find_body, joint_map, recognise
 BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 
 
-def hung(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
+def rebuilt_flat_trees(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
     """Return the figures of a file; a flat tree becomes a body with unchanged joint positions and rotations."""
     names = [name for figure in figures for name in figure.joints]
     given = joint_map(options.joints) if options.joints is not None else joints_of(names)
     ours = {of: name for name, of in given.items() if name in names}
-    if not {"pelvis", *ARMS, *LEGS} <= ours.keys() or any(_hangs(figure, ours) for figure in figures):
+    if not {"pelvis", *ARMS, *LEGS} <= ours.keys() or any(_contains_limb_bone(figure, ours) for figure in figures):
         return figures
     trunk = [name for name in names if _is_trunk(name) and name not in given]
     joints = _in_world(figures, [*ours.values(), *trunk])
@@ -107,7 +106,7 @@ def _parents(ours: Mapping[str, str], trunk: list[str]) -> dict[str, str | None]
     return parents
 
 
-def _hangs(figure: Figure, ours: Mapping[str, str]) -> bool:
+def _contains_limb_bone(figure: Figure, ours: Mapping[str, str]) -> bool:
     """Whether a bone of a limb joins two joints of the figure."""
     index = {given: k for k, given in enumerate(figure.joints)}
     ends = [(ours[f"{side}_{a}"], ours[f"{side}_{b}"]) for side in ("left", "right") for a, b in BONES]
@@ -120,17 +119,17 @@ _DEEPEST = 3  # joints above several bodies
 
 def bodies_of(figures: list[Figure], options: ReadingOptions) -> list[Figure]:
     """Return the human figures. One alone is returned unchecked, so that recognising it reports the error."""
-    figures = hung(figures, options)
+    figures = rebuilt_flat_trees(figures, options)
     if options.joints is not None and len(figures) == 1:
         return figures
-    found = [body for figure in figures for body in _apart(figure, _DEEPEST)]
+    found = [body for figure in figures for body in _bodies_in(figure, _DEEPEST)]
     if len(found) == len(figures) == 1:
         return found
     bodies = [figure for figure in found if _is_body(figure)]
     return bodies or figures[:1]
 
 
-def _apart(figure: Figure, deepest: int) -> list[Figure]:
+def _bodies_in(figure: Figure, deepest: int) -> list[Figure]:
     """Return the bodies that share one root; the figure itself if it does not hold two."""
     branches = [k for k in figure.children[0] if sum(j < len(figure.joints) for j in figure.under(k)) >= _FEWEST]
     if len(branches) > 1:
@@ -139,7 +138,7 @@ def _apart(figure: Figure, deepest: int) -> list[Figure]:
         if len(bodies) > 1:
             return [replace(body, name=figure.name) for body in bodies]
     if len(branches) == 1 and deepest and len(figure.children[0]) == 1:
-        inner = _apart(figure.below(branches[0]), deepest - 1)
+        inner = _bodies_in(figure.below(branches[0]), deepest - 1)
         return inner if len(inner) > 1 else [figure]
     return [figure]
 
@@ -178,7 +177,7 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
         options = replace(options, floor=0.0)
     figure = _chosen(file, options)
     rig = recognise(figure, options)
-    clip = _clip(figure, rig, options.joints is not None, must_stand)
+    clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
     if options.height is not None:
         scale = options.height / clip.pose.skeleton.height
         rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)
@@ -202,13 +201,13 @@ def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
     return figures[(options.figure or 1) - 1]
 
 
-def _clip(figure: Figure, rig: Rig, by_table: bool, must_stand: bool) -> Clip:
+def _canonical_clip(figure: Figure, rig: Rig, by_table: bool, must_stand: bool) -> Clip:
     """Return the motion of a figure in canonical form; its joints are recognised, or those of a table."""
     sites = [
         given for ours, given in rig.joints.items() if given in figure.end_sites and ours in default_skeleton().joints
     ]
     figure = _of_body(figure.with_joints(sites) if sites else figure, rig)
-    source, place = _placed(figure, rig)
+    source, place = _figure_clip(figure, rig)
     joints = {given: ours for ours, given in rig.joints.items()}
     if "pelvis" not in rig.joints:
         source, place = _with_pelvis(source, place, rig)
@@ -230,7 +229,7 @@ def _of_body(figure: Figure, rig: Rig) -> Figure:
     return figure.only(inside)
 
 
-def _placed(figure: Figure, rig: Rig) -> tuple[Clip, np.ndarray | None]:
+def _figure_clip(figure: Figure, rig: Rig) -> tuple[Clip, np.ndarray | None]:
     """Return a figure as a clip in our world, and its points (T, P, 3) m if its bones are not rigid."""
     try:
         skeleton = Skeleton(figure.joints, figure.end_sites, figure.parents, figure.bone * rig.unit)
@@ -248,7 +247,7 @@ def _with_pelvis(clip: Clip, place: np.ndarray | None, rig: Rig) -> tuple[Clip, 
     """Add a pelvis over the hips of a clip whose legs hang on the middle of its trunk, which becomes its child."""
     skeleton, pose = clip.pose.skeleton, clip.pose
     if skeleton.joints[0] != rig.hub:
-        raise BodysenseError(f"{clip.name}: no joint is its pelvis; say which in a file, --joints")
+        raise BodysenseError(f"{clip.name}: no joint is its pelvis; name it in a file, --joints")
     rest = skeleton.path @ skeleton.rest_offset
     left, right = (rest[skeleton.index(rig.joints[f"{side}_hip"])] for side in ("left", "right"))
     leg = np.linalg.norm(rest[skeleton.index(rig.joints["left_ankle"])] - left)
@@ -257,9 +256,9 @@ def _with_pelvis(clip: Clip, place: np.ndarray | None, rig: Rig) -> tuple[Clip, 
     offset = np.concatenate([skeleton.rest_offset[:1] * 0, -down[None], skeleton.rest_offset[1:]])
     parents = (-1, 0, *(parent + 1 for parent in skeleton.parents[1:]))
     body = Skeleton((PELVIS, *skeleton.joints), skeleton.end_sites, parents, offset)
-    moved = pose.root_position + quaternion_rotate(pose.rotation[:, 0], down)
+    root = pose.root_position + quaternion_rotate(pose.rotation[:, 0], down)
     still = np.zeros_like(pose.rotation[:, :1])
     still[..., 0] = 1
     rotation = np.concatenate([pose.rotation[:, :1], still, pose.rotation[:, 1:]], axis=1)
-    whole = replace(clip, pose=Pose(body, moved, rotation))
-    return whole, None if place is None else np.concatenate([moved[:, None], place], axis=1)
+    whole = replace(clip, pose=Pose(body, root, rotation))
+    return whole, None if place is None else np.concatenate([root[:, None], place], axis=1)

@@ -151,7 +151,7 @@ def read_smpl(
     )
     missing = [name for name in skeleton.joints if is_finger(name) and skeleton.index(name) not in rows]
     pose, has_fingers = with_fingers(Pose(skeleton, root, quaternion_canonical(rotation)), missing)
-    root = root + _lifted(pose, place is not None, remarks)
+    root = root + _lift_to_floor(pose, place is not None, remarks)
     clip = Clip(
         path.stem, Pose(skeleton, root, pose.rotation), _rate(path, arrays, rate, remarks), has_fingers=has_fingers
     )
@@ -163,7 +163,7 @@ def _first(arrays: Mapping[str, np.ndarray], names: tuple[str, ...]) -> tuple[st
 
 
 def _rotations(path: Path, arrays: Mapping[str, np.ndarray]) -> tuple[np.ndarray, list[int]]:
-    """Return rotations (T, N, 4), and which of our joints they are of."""
+    """Return rotations (T, N, 4), and the names of their joints."""
     body = list(range(22))
     hands = list(range(22, 52))
     whole = _first(arrays, WHOLE)
@@ -241,13 +241,13 @@ def _up(orient: np.ndarray) -> str | None:
     return ("" if way[axis] > 0 else "-") + "xyz"[axis] if abs(way[axis]) >= _UPRIGHT else None
 
 
-def _lifted(pose: Pose, is_placed: bool, remarks: list[str]) -> np.ndarray:
+def _lift_to_floor(pose: Pose, has_translation: bool, remarks: list[str]) -> np.ndarray:
     """Return (3,) or (T, 3) m by which a body must move so that its feet stand on y = 0."""
     skeleton = pose.skeleton
     feet = skeleton.indices([f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe")])
     usual = (skeleton.path @ skeleton.rest_offset)[feet, 1] + skeleton.rest_offset[0, 1]
     lowest = (np.asarray(forward_kinematics(pose)[0])[:, feet, 1] - usual).min(axis=1)
-    if not is_placed:
+    if not has_translation:
         remarks.append("no translation in it: the body stays at its place, its lower foot on the floor")
         return np.stack([0 * lowest, -lowest, 0 * lowest], axis=-1)
     floor = float(np.percentile(lowest, 5))
@@ -257,9 +257,9 @@ def _lifted(pose: Pose, is_placed: bool, remarks: list[str]) -> np.ndarray:
     return np.array([0.0, -floor, 0.0])
 
 
-def _rate(path: Path, arrays: Mapping[str, np.ndarray], told: float | None, remarks: list[str]) -> float:
-    if told is not None:
-        return told
+def _rate(path: Path, arrays: Mapping[str, np.ndarray], given_rate: float | None, remarks: list[str]) -> float:
+    if given_rate is not None:
+        return given_rate
     given = _first(arrays, RATE)
     if given is None:
         remarks.append(f"no frame rate in it: {USUAL_RATE:g} Hz is taken (--rate)")

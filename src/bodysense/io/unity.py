@@ -18,22 +18,22 @@ _ROTATION = np.array([1.0, 1.0, -1.0, -1.0])  # w x y z: in a mirror, turns abou
 
 
 def unity_position(position: np.ndarray) -> np.ndarray:
-    """Positions (..., 3) there and, the mirror being its own inverse, back."""
+    """Convert positions (..., 3) to Unity's axes or back: the mirror is its own inverse."""
     return position * _POSITION
 
 
 def unity_rotation(rotation: np.ndarray) -> np.ndarray:
-    """Our quaternions w x y z (..., 4) as Unity's x y z w."""
+    """Convert our quaternions w x y z (..., 4) to Unity's x y z w."""
     return np.roll(rotation * _ROTATION, -1, axis=-1)
 
 
 def from_unity_rotation(rotation: np.ndarray) -> np.ndarray:
-    """Unity's quaternions x y z w (..., 4) as ours w x y z."""
+    """Convert Unity's quaternions x y z w (..., 4) to ours w x y z."""
     return np.roll(rotation, 1, axis=-1) * _ROTATION
 
 
 def unity_euler(rotation: np.ndarray) -> np.ndarray:
-    """Our quaternions (..., 4) as Unity's Euler angles x, y, z (..., 3) in degrees, applied about Z, then X, then Y."""
+    """Convert quaternions (..., 4) to Unity's Euler angles x, y, z (..., 3), degrees, applied about Z, X, then Y."""
     angles = quaternion_to_euler(rotation * _ROTATION, "YXZ")
     return np.rad2deg(angles[..., [1, 0, 2]])
 

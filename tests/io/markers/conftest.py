@@ -1,4 +1,4 @@
-"""The virtual markers are a module beside the tests."""
+"""Put the module of virtual markers on the path of the tests."""
 
 from __future__ import annotations
 

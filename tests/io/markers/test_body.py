@@ -1,4 +1,4 @@
-"""A body from markers on the skin of ours: their set is recognised, joints are found, units and axes too."""
+"""Body from markers on the skin of our model: recognition of the set, joints, units and axes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual import LABORATORIES, LEGS, OPENSIM, PAIRS, PLUG_IN_GAIT, SETS, VARIANTS, errors, found, raw_of, worn
+from virtual import (
+    LABORATORIES,
+    LEGS,
+    OPENSIM,
+    PAIRS,
+    PLUG_IN_GAIT,
+    SETS,
+    VARIANTS,
+    errors,
+    found,
+    marker_positions,
+    raw_of,
+)
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
@@ -27,37 +39,37 @@ Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our axes → those of m
 
 
 @pytest.fixture(scope="module")
-def stranger() -> Clip:
-    """Somebody on proportions that nothing was fitted to, 60 frames of standing, sitting and steps."""
+def unseen_body() -> Clip:
+    """A body of unseen proportions: 60 frames of standing, sitting and steps."""
     clip = performance_of_unseen_body()
     return replace(clip, pose=clip.pose[:: len(clip) // 60], frame_rate=10.0)
 
 
 @pytest.mark.parametrize("name", SETS)
-def test_joints_and_rotations_are_where_they_are(stranger: Clip, name: str) -> None:
-    raw = raw_of(stranger, SETS[name])
+def test_joints_and_rotations_match_the_motion(unseen_body: Clip, name: str) -> None:
+    raw = raw_of(unseen_body, SETS[name])
     known = recognised(raw.names)
     assert known is not None and known.markers.name == name
-    far = errors(raw, stranger)
+    far = errors(raw, unseen_body)
     wanted = {f"{side}_{part}" for side in ("left", "right") for part in ("hip", "knee", "ankle", "foot", "shoulder")}
     assert wanted | {"left_elbow", "right_wrist", "head", "neck", "pelvis"} <= set(far)
     for joint, error in far.items():
         assert error < HARDEST.get(joint.rpartition("_")[2], 0.018), joint
-    seen, truth = found(raw).observation, np.asarray(forward_kinematics(stranger.pose)[1])
+    seen, truth = found(raw).observation, np.asarray(forward_kinematics(unseen_body.pose)[1])
     turned = [k for k in range(len(seen.points)) if seen.has_rotation[:, k].any()]
     assert {"head", "pelvis", "spine3", "left_wrist", "right_wrist"} <= {seen.points[k] for k in turned}
     for k in turned:
-        angle = geodesic_angle(seen.rotation[:, k], truth[:, stranger.pose.skeleton.index(seen.points[k])])
+        angle = geodesic_angle(seen.rotation[:, k], truth[:, unseen_body.pose.skeleton.index(seen.points[k])])
         assert np.rad2deg(np.mean(angle)) < 6, seen.points[k]
 
 
 @pytest.mark.parametrize("name", LABORATORIES)
-def test_sets_of_laboratories(stranger: Clip, name: str) -> None:
+def test_sets_of_laboratories(unseen_body: Clip, name: str) -> None:
     """Every joint of the limbs follows, within 2 cm; balls of feet and necks within 3."""
-    raw = raw_of(stranger, LABORATORIES[name])
+    raw = raw_of(unseen_body, LABORATORIES[name])
     known = recognised(raw.names)
     assert known is not None and known.markers.name == name and len(known.columns) == len(raw.names)
-    far = errors(raw, stranger)
+    far = errors(raw, unseen_body)
     parts = ("hip", "knee", "ankle", "foot", "shoulder", "elbow", "wrist")
     assert {"pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in parts)} <= set(far)
     for joint, error in far.items():
@@ -66,12 +78,12 @@ def test_sets_of_laboratories(stranger: Clip, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", VARIANTS)
-def test_other_labels_of_laboratories(stranger: Clip, name: str) -> None:
+def test_other_labels_of_laboratories(unseen_body: Clip, name: str) -> None:
     of, labels = VARIANTS[name]
-    raw = raw_of(stranger, labels)
+    raw = raw_of(unseen_body, labels)
     known = recognised(raw.names)
     assert known is not None and known.markers.name == of and len(known.columns) == len(raw.names)
-    far = errors(raw, stranger)
+    far = errors(raw, unseen_body)
     parts = ("hip", "ankle", "foot", "shoulder", *(["elbow"] if "elbow_in" in labels else []))
     assert {"pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in parts)} <= set(far)
     assert ("left_knee" in far) == ("knee" in labels)
@@ -84,10 +96,10 @@ def test_other_labels_of_laboratories(stranger: Clip, name: str) -> None:
     ("scale", "unit", "turn"),
     [(1000.0, "mm", np.eye(3)), (1000.0, "mm", Z_UP), (100.0, "cm", np.diag([1.0, -1.0, -1.0]))],
 )
-def test_unit_and_up_are_found(stranger: Clip, scale: float, unit: str, turn: np.ndarray) -> None:
-    raw = raw_of(stranger, PLUG_IN_GAIT, scale)
+def test_unit_and_up_are_found(unseen_body: Clip, scale: float, unit: str, turn: np.ndarray) -> None:
+    raw = raw_of(unseen_body, PLUG_IN_GAIT, scale)
     raw = replace(raw, position=raw.position @ turn.T)
-    seen, truth = found(raw), found(raw_of(stranger, PLUG_IN_GAIT)).observation
+    seen, truth = found(raw), found(raw_of(unseen_body, PLUG_IN_GAIT)).observation
     assert any(f"the numbers are {unit}" in remark for remark in seen.remarks)
     assert any("is up" in remark for remark in seen.remarks) == bool((turn != np.eye(3)).any())
     both = (seen.observation, truth)
@@ -98,33 +110,33 @@ def test_unit_and_up_are_found(stranger: Clip, scale: float, unit: str, turn: np
     np.testing.assert_allclose(heights[0], heights[1], atol=1e-6)
 
 
-def test_the_floor_is_moved_to_zero(stranger: Clip) -> None:
-    raw = raw_of(stranger, PLUG_IN_GAIT)
+def test_the_floor_is_moved_to_zero(unseen_body: Clip) -> None:
+    raw = raw_of(unseen_body, PLUG_IN_GAIT)
     high = replace(raw, position=raw.position + np.array([0, 0.5, 0]))
-    moved = found(high)
-    assert any("the floor was moved" in remark for remark in moved.remarks)
-    low, kept = (np.nanmin(one.observation.position[..., 1]) for one in (moved, found(high, MarkerFormat(floor=0.5))))
+    lowered = found(high)
+    assert any("the floor was moved" in remark for remark in lowered.remarks)
+    low, kept = (np.nanmin(one.observation.position[..., 1]) for one in (lowered, found(high, MarkerFormat(floor=0.5))))
     assert abs(low) < 0.08 and kept == pytest.approx(low + 0.5, abs=0.08)
 
 
-def test_a_mirrored_body_is_refused(stranger: Clip) -> None:
-    raw = raw_of(stranger, PLUG_IN_GAIT)
+def test_a_mirrored_body_is_refused(unseen_body: Clip) -> None:
+    raw = raw_of(unseen_body, PLUG_IN_GAIT)
     with pytest.raises(BodysenseError, match=r"walk\.c3d: the body is a body only in a mirror: .* --left-handed"):
         found(replace(raw, position=raw.position * [-1, 1, 1]))
     seen = found(replace(raw, position=raw.position * [-1, 1, 1]), MarkerFormat(left_handed=True))
     np.testing.assert_allclose(seen.observation.position, found(raw).observation.position, atol=1e-9)
 
 
-def test_a_wrong_unit_is_told(stranger: Clip) -> None:
-    raw = raw_of(stranger, PLUG_IN_GAIT, 1000.0, "mm")
+def test_a_wrong_unit_is_reported(unseen_body: Clip) -> None:
+    raw = raw_of(unseen_body, PLUG_IN_GAIT, 1000.0, "mm")
     with pytest.raises(BodysenseError, match="the numbers are mm: give --unit mm"):
         found(raw, MarkerFormat(unit="m"))
     with pytest.raises(BodysenseError, match="times as far apart as on a person; see that the labels are right"):
         found(replace(raw, position=raw.position * 30))
 
 
-def test_hidden_markers_hide_what_needs_them(stranger: Clip) -> None:
-    raw = raw_of(stranger, PLUG_IN_GAIT)
+def test_hidden_markers_hide_the_joints_that_need_them(unseen_body: Clip) -> None:
+    raw = raw_of(unseen_body, PLUG_IN_GAIT)
     position = raw.position.copy()
     position[5:9, raw.names.index("LWRA")] = np.nan
     seen = found(replace(raw, position=position)).observation
@@ -135,23 +147,23 @@ def test_hidden_markers_hide_what_needs_them(stranger: Clip) -> None:
 
 
 @pytest.mark.parametrize(("name", "hidden"), [("Plug-in Gait", 0.85), ("OptiTrack Baseline", 0.95)])
-def test_most_markers_may_be_hidden(stranger: Clip, name: str, hidden: float) -> None:
-    raw, rng = raw_of(stranger, SETS[name]), np.random.default_rng(int(100 * hidden))
+def test_most_markers_may_be_hidden(unseen_body: Clip, name: str, hidden: float) -> None:
+    raw, rng = raw_of(unseen_body, SETS[name]), np.random.default_rng(int(100 * hidden))
     gone = rng.random(raw.position.shape[:2]) < hidden
     seen = found(replace(raw, position=np.where(gone[..., None], np.nan, raw.position))).observation
     assert np.isfinite(seen.position[seen.has_position]).all()
     np.testing.assert_allclose(np.linalg.norm(seen.rotation[seen.has_rotation], axis=-1), 1, atol=1e-9)
 
 
-def test_medial_markers_of_a_static_trial_are_used_where_they_stay(stranger: Clip) -> None:
+def test_medial_markers_improve_joint_centres(unseen_body: Clip) -> None:
     both = PLUG_IN_GAIT | {"knee_in": "LKNM", "elbow_in": "LELM", "ankle_in": "LANM"}
-    far = errors(raw_of(stranger, both), stranger)
+    far = errors(raw_of(unseen_body, both), unseen_body)
     assert far["left_knee"] < 0.015 and far["left_elbow"] < 0.01
-    gone = raw_of(stranger, both)
+    gone = raw_of(unseen_body, both)
     hidden = [gone.names.index(name) for name in ("LKNM", "RKNM")]
     position = gone.position.copy()
     position[3:, hidden] = np.nan
-    assert errors(replace(gone, position=position), stranger)["left_knee"] < 0.018
+    assert errors(replace(gone, position=position), unseen_body)["left_knee"] < 0.018
 
 
 @pytest.mark.parametrize("style", ["Anna:{}", "Skeleton 001_{}", "x_{}", "{}"])
@@ -173,7 +185,7 @@ def key_points(clip: Clip) -> dict[str, np.ndarray]:
     """(T, 3) of HALPE_26's key points, with toes, nose and the top of the head where our skin has them."""
     place, points = np.asarray(forward_kinematics(clip.pose)[0]), clip.pose.skeleton.points
     at = {name: place[:, k] for k, name in enumerate(points)}
-    skin = worn(clip.pose, {"heel": "LHeel", "forehead": "Nose"})
+    skin = marker_positions(clip.pose, {"heel": "LHeel", "forehead": "Nose"})
     found = {"Hip": (at["left_hip"] + at["right_hip"]) / 2, "Neck": at["neck"], "Head": at["head_top"], **skin}
     for side, own in (("left", "L"), ("right", "R")):
         for part in ("hip", "knee", "ankle", "shoulder", "elbow", "wrist"):
@@ -182,26 +194,28 @@ def key_points(clip: Clip) -> dict[str, np.ndarray]:
     return found
 
 
-def test_key_points_of_a_video(stranger: Clip) -> None:
-    """Their middle of the hips is no pelvis, their head is the top of it, and their toes are no balls of the feet."""
-    marks = key_points(stranger)
-    raw = replace(raw_of(stranger, LEGS), names=tuple(marks), position=np.stack(list(marks.values()), axis=1))
+def test_key_points_of_a_video(unseen_body: Clip) -> None:
+    """The middle of the hips is not the pelvis, the head is its top, and toes are not balls of the feet."""
+    marks = key_points(unseen_body)
+    raw = replace(raw_of(unseen_body, LEGS), names=tuple(marks), position=np.stack(list(marks.values()), axis=1))
     known = recognised(raw.names)
     assert known is not None and known.markers.name == "key points of a video"
-    far = errors(raw, stranger)
+    far = errors(raw, unseen_body)
     assert {"head", "left_foot", "right_wrist"} <= set(far) and "pelvis" not in far
     for joint, error in far.items():
         assert error < {"head": 0.045, "foot": 0.03}.get(joint.rpartition("_")[2], 0.001), joint
 
 
-def test_a_middle_of_the_hips_is_no_pelvis(stranger: Clip) -> None:
-    marks = {name.replace("L", "left_").replace("R", "right_"): place for name, place in key_points(stranger).items()}
+def test_the_mid_hip_key_point_is_not_the_pelvis(unseen_body: Clip) -> None:
+    marks = {
+        name.replace("L", "left_").replace("R", "right_"): place for name, place in key_points(unseen_body).items()
+    }
     limbs = {name: marks[name] for name in marks if name.endswith(("Hip", "Knee", "Ankle"))}
-    raw = replace(raw_of(stranger, LEGS), names=tuple(limbs), position=np.stack(list(limbs.values()), axis=1))
-    assert "left_hip" in errors(raw, stranger) and "pelvis" not in errors(raw, stranger)
+    raw = replace(raw_of(unseen_body, LEGS), names=tuple(limbs), position=np.stack(list(limbs.values()), axis=1))
+    assert "left_hip" in errors(raw, unseen_body) and "pelvis" not in errors(raw, unseen_body)
     assert "the pelvis is left out" in found(raw).remarks[1]
     raised = replace(raw, position=raw.position + np.array([name == "Hip" for name in limbs])[:, None] * [0, 0.087, 0])
-    assert errors(raised, stranger)["pelvis"] < 0.03
+    assert errors(raised, unseen_body)["pelvis"] < 0.03
 
 
 @pytest.mark.parametrize("style", NAMED)
@@ -240,12 +254,12 @@ def skeleton_tsv(clip: Clip) -> str:
     return "\n".join(lines) + "\n"
 
 
-def test_a_skeleton_of_qualisys_is_read_with_its_rotations(stranger: Clip, tmp_path: Path) -> None:
-    path, text = tmp_path / "anna.tsv", skeleton_tsv(stranger)
+def test_a_skeleton_of_qualisys_is_read_with_its_rotations(unseen_body: Clip, tmp_path: Path) -> None:
+    path, text = tmp_path / "anna.tsv", skeleton_tsv(unseen_body)
     path.write_text(text)
     seen = read_markers(path).observation
-    truth = forward_kinematics(stranger.pose)
-    here = stranger.pose.skeleton.indices(seen.points)
+    truth = forward_kinematics(unseen_body.pose)
+    here = unseen_body.pose.skeleton.indices(seen.points)
     np.testing.assert_allclose(seen.position[:, :, [0, 2]], np.asarray(truth[0])[:, here][:, :, [0, 2]], atol=1e-3)
     turned = [k for k, name in enumerate(seen.points) if seen.has_rotation[:, k].all()]
     assert {seen.points[k] for k in turned} >= {"pelvis", "spine3", "head", "left_wrist", "right_ankle"}
@@ -256,12 +270,12 @@ def test_a_skeleton_of_qualisys_is_read_with_its_rotations(stranger: Clip, tmp_p
         read_markers(path)
 
 
-def test_a_table_names_joints(tmp_path: Path, stranger: Clip) -> None:
-    truth = np.asarray(forward_kinematics(stranger.pose)[0])
+def test_a_table_names_joints(tmp_path: Path, unseen_body: Clip) -> None:
+    truth = np.asarray(forward_kinematics(unseen_body.pose)[0])
     joints = [name for name in BODY if "spine" not in name]
-    position = truth[:, stranger.pose.skeleton.indices(joints)]
+    position = truth[:, unseen_body.pose.skeleton.indices(joints)]
     names = {f"M{k}": name for k, name in enumerate(joints)}
-    write_c3d(tmp_path / "a.c3d", points_alone(tuple(names), position, stranger.time), 10.0)
+    write_c3d(tmp_path / "a.c3d", points_alone(tuple(names), position, unseen_body.time), 10.0)
     (tmp_path / "names.csv").write_text("\n".join(f"{a},{b}" for a, b in names.items()))
     with pytest.raises(BodysenseError, match=r"no marker set of a body among 'M0', .*: none is of a marker set"):
         read_markers(tmp_path / "a.c3d")
@@ -271,19 +285,19 @@ def test_a_table_names_joints(tmp_path: Path, stranger: Clip) -> None:
     assert seen.has_body
 
 
-def test_a_walking_trial_without_markers_on_knees_keeps_its_feet(stranger: Clip, tmp_path: Path) -> None:
-    raw = raw_of(stranger, VARIANTS["a walking trial of gait2354"][1])
+def test_a_walking_trial_without_markers_on_knees_keeps_its_feet(unseen_body: Clip, tmp_path: Path) -> None:
+    raw = raw_of(unseen_body, VARIANTS["a walking trial of gait2354"][1])
     write_c3d(tmp_path / "walk.c3d", points_alone(raw.names, raw.position, raw.time), raw.frame_rate)
     take = track(tmp_path / "walk.c3d")
-    found, truth = (forward_kinematics(clip.pose)[0] for clip in (take.clip, stranger))
+    found, truth = (forward_kinematics(clip.pose)[0] for clip in (take.clip, unseen_body))
     for joint, most in (("ankle", 0.03), ("knee", 0.06)):
         for side in ("left", "right"):
-            k = stranger.pose.skeleton.index(f"{side}_{joint}")
+            k = unseen_body.pose.skeleton.index(f"{side}_{joint}")
             off = np.linalg.norm(np.asarray(found)[:, k] - np.asarray(truth)[:, k], axis=-1)
             assert off[20:].mean() < most, joint
 
 
-def test_the_sets_hold_together() -> None:
+def test_marker_sets_are_consistent() -> None:
     points = set().union(*({recipe.name for recipe in one.points} for one in marker_sets()))
     assert len(marker_sets()) == 9 and {"left_hip", "right_wrist", "head"} <= points
     for one in marker_sets():
@@ -301,10 +315,10 @@ def test_the_sets_hold_together() -> None:
 
 @pytest.mark.parametrize("name", ["Plug-in Gait", *(pytest.param(n, marks=pytest.mark.slow) for n in list(SETS)[1:])])
 def test_a_body_is_tracked_from_markers(tmp_path: Path, name: str) -> None:
-    """The whole way: a file of somebody of unknown size, with trembling markers, becomes a body to 3 cm on average."""
+    """A file of a body of unknown size with noisy markers is completed to 3 cm on average."""
     clip = performance_of_unseen_body()
     clip = replace(clip, pose=clip.pose[300:510:3], frame_rate=10.0)
-    places = worn(clip.pose, SETS[name])
+    places = marker_positions(clip.pose, SETS[name])
     position = np.stack(list(places.values()), axis=1)
     position = position + np.random.default_rng(0).normal(0, 0.002, position.shape)
     write_c3d(tmp_path / "walk.c3d", points_alone(tuple(places), position, clip.time), 10.0)
@@ -315,22 +329,22 @@ def test_a_body_is_tracked_from_markers(tmp_path: Path, name: str) -> None:
     assert take.person.skeleton.height == pytest.approx(clip.pose.skeleton.height, abs=0.06)
 
 
-def test_limbs_whose_labels_are_unknown_are_named(stranger: Clip) -> None:
+def test_limbs_with_unknown_labels_are_reported(unseen_body: Clip) -> None:
     """A warning names the labels of arms that no set knows, on a body whose legs are known."""
     arms = {"acromion", "elbow", "elbow_in", "wrist_thumb", "wrist_pinky", "head_front", "head_back", "c7", "sternum"}
     odd = {spot: f"Lzz{k}" if spot in arms else label for k, (spot, label) in enumerate(PAIRS.items())}
     odd |= {spot: f"Lyy{spot}" for spot in ("upper_arm", "forearm", "hand", "head_side", "thigh", "shin")}
-    (line,) = found(raw_of(stranger, odd)).warnings
+    (line,) = found(raw_of(unseen_body, odd)).warnings
     assert line.startswith("left arm and right arm: hang at the sides") and "'Lzz" in line and "--names" in line
-    assert not found(raw_of(stranger, PAIRS)).warnings
+    assert not found(raw_of(unseen_body, PAIRS)).warnings
     few = {"asis": "LASI", "psis": "LPSI", "knee": "LKNE", "ankle": "LANK"}
     few |= {spot: f"Lzz{spot}" for spot in ("heel", "thigh", "shin", "elbow")}
     with pytest.raises(BodysenseError, match=r"too few to be sure; 8 are unknown: 'Lzzheel'"):
-        found(raw_of(stranger, few))
+        found(raw_of(unseen_body, few))
 
 
-def test_legs_alone_hang_the_arms(stranger: Clip, tmp_path: Path) -> None:
-    raw = raw_of(stranger, LEGS)
+def test_legs_alone_hang_the_arms(unseen_body: Clip, tmp_path: Path) -> None:
+    raw = raw_of(unseen_body, LEGS)
     write_c3d(tmp_path / "legs.c3d", points_alone(raw.names, raw.position, raw.time), raw.frame_rate)
     take = track(tmp_path / "legs.c3d")
     (line,) = take.remarks
@@ -343,9 +357,9 @@ def test_legs_alone_hang_the_arms(stranger: Clip, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("names", [LEGS, PLUG_IN_GAIT])
-def test_a_causal_take_is_what_a_live_session_gives(stranger: Clip, tmp_path: Path, names: dict[str, str]) -> None:
-    """A frame at a time, with hips that come and go."""
-    raw = raw_of(stranger, names)
+def test_a_causal_take_equals_a_live_session(unseen_body: Clip, tmp_path: Path, names: dict[str, str]) -> None:
+    """Frame by frame, with hips that are hidden at times."""
+    raw = raw_of(unseen_body, names)
     hips = [k for k, label in enumerate(raw.names) if label.endswith(("ASI", "PSI"))]
     raw.position[20:30, hips] = np.nan
     write_c3d(tmp_path / "walk.c3d", points_alone(raw.names, raw.position, raw.time), raw.frame_rate)
@@ -361,12 +375,12 @@ def test_a_causal_take_is_what_a_live_session_gives(stranger: Clip, tmp_path: Pa
 
 
 @pytest.mark.parametrize("names", [OPENSIM, PLUG_IN_GAIT])
-def test_a_guessed_head_does_not_move_the_legs(stranger: Clip, tmp_path: Path, names: dict[str, str]) -> None:
-    """Knees and ankles of a tracked body that bows are where the markers have them, however high the head is worn."""
-    rotation, spine = np.array(stranger.pose.rotation), stranger.pose.skeleton.index("spine1")
+def test_a_guessed_head_does_not_move_the_legs(unseen_body: Clip, tmp_path: Path, names: dict[str, str]) -> None:
+    """Knees and ankles of a bowing body stay at their markers, whatever the height of the head."""
+    rotation, spine = np.array(unseen_body.pose.rotation), unseen_body.pose.skeleton.index("spine1")
     bow = quaternion_exp(np.sin(np.arange(len(rotation)) / 5)[:, None] ** 2 * [0.7, 0.0, 0.0])
     rotation[:, spine] = quaternion_multiply(rotation[:, spine], bow)
-    raw = raw_of(replace(stranger, pose=replace(stranger.pose, rotation=rotation)), names)
+    raw = raw_of(replace(unseen_body, pose=replace(unseen_body.pose, rotation=rotation)), names)
     on_head = np.array([label == "Top.Head" or label.endswith("HD") for label in raw.names])
     position = raw.position + on_head[:, None] * [0.0, 0.06, 0.0]
     write_c3d(tmp_path / "bow.c3d", points_alone(raw.names, position, raw.time), raw.frame_rate)
@@ -379,25 +393,25 @@ def test_a_guessed_head_does_not_move_the_legs(stranger: Clip, tmp_path: Path, n
             assert np.linalg.norm(apart, axis=-1).mean() < 0.01, joint
 
 
-def test_a_limb_without_joints_is_named(stranger: Clip) -> None:
-    """One arm without markers, and trunks without arms, are guessed by the network, and so the warning says."""
+def test_a_limb_without_joints_is_reported(unseen_body: Clip) -> None:
+    """The network guesses an arm without markers, or both arms, and a warning reports it."""
     arm = ("elbow", "elbow_in", "wrist_thumb", "wrist_pinky")
-    raw = raw_of(stranger, PAIRS)
+    raw = raw_of(unseen_body, PAIRS)
     bare = {PAIRS[spot] for spot in arm}
     kept = [k for k, label in enumerate(raw.names) if label not in bare]
     one = replace(raw, names=tuple(raw.names[k] for k in kept), position=raw.position[:, kept])
     (line,) = found(one).warnings
     assert line.startswith("left arm: guessed by the network") and "unknown labels" not in line
-    trunk = found(raw_of(stranger, {**LEGS, **{spot: PAIRS[spot] for spot in ("c7", "clavicle", "sternum")}}))
+    trunk = found(raw_of(unseen_body, {**LEGS, **{spot: PAIRS[spot] for spot in ("c7", "clavicle", "sternum")}}))
     assert "neck" in trunk.observation.points and not trunk.arms_hang
     assert trunk.warnings[0].startswith("left arm and right arm: guessed by the network")
 
 
-def test_a_label_that_stands_twice_is_named(stranger: Clip) -> None:
-    raw = raw_of(stranger, PAIRS)
+def test_a_duplicate_label_is_reported(unseen_body: Clip) -> None:
+    raw = raw_of(unseen_body, PAIRS)
     twice = replace(raw, names=(*raw.names, "LSHO"), position=np.concatenate([raw.position, raw.position[:, :1]], 1))
     (line,) = found(twice).warnings
-    assert line.startswith("labels that stand twice: 'LSHO'")
+    assert line.startswith("duplicate labels: 'LSHO'")
 
 
 def test_a_set_of_fingers_is_no_body() -> None:

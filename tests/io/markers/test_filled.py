@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from virtual import PLUG_IN_GAIT, worn
+from virtual import PLUG_IN_GAIT, marker_positions
 
 from bodysense.cli import main
 from bodysense.demo import performance_of_unseen_body
@@ -41,11 +41,11 @@ def clip() -> Clip:
 @pytest.fixture(scope="module")
 def truth(clip: Clip) -> dict[str, np.ndarray]:
     """(T, 3) mm of every marker, +Z up as most laboratories have it."""
-    return {name: 1000 * place[:, [2, 0, 1]] for name, place in worn(clip.pose, PLUG_IN_GAIT).items()}
+    return {name: 1000 * place[:, [2, 0, 1]] for name, place in marker_positions(clip.pose, PLUG_IN_GAIT).items()}
 
 
 @pytest.fixture(scope="module")
-def holed(truth: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def with_gaps(truth: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     gapped = {name: place.copy() for name, place in truth.items()}
     for name, (first, end) in GAPS.items():
         gapped[name][first:end] = np.nan
@@ -85,7 +85,7 @@ def motive(markers: dict[str, np.ndarray]) -> bytes:
 
 
 def plain(markers: dict[str, np.ndarray]) -> bytes:
-    """With a column that says what is valid, and the last place where it is not."""
+    """A file with a column of validity; invalid markers keep their last position."""
     frames = len(next(iter(markers.values())))
     lines = ["time," + ",".join(f"{name}.x,{name}.y,{name}.z,{name}.isValid" for name in markers)]
     for t in range(frames):
@@ -106,10 +106,10 @@ TEXTS: dict[str, tuple[str, Callable[[dict[str, np.ndarray]], bytes]]] = {
 
 @pytest.mark.parametrize("layout", TEXTS)
 def test_cells_of_filled_markers_change_and_nothing_else(
-    tmp_path: Path, holed: dict[str, np.ndarray], layout: str
+    tmp_path: Path, with_gaps: dict[str, np.ndarray], layout: str
 ) -> None:
     name, write = TEXTS[layout]
-    old = write(holed)
+    old = write(with_gaps)
     (tmp_path / name).write_bytes(old)
     raw = read_raw(tmp_path / name)
     filled = ~np.isfinite(raw.position).all(axis=-1) & fillable(raw)
@@ -137,7 +137,7 @@ SEPARATORS = {"trc": ["\t", ";", ","], "tsv": ["\t"], "nexus": [",", ";"], "moti
 
 @dataclass(frozen=True)
 class Written:
-    """A file of some program, whose last lines are its frames."""
+    """A file of a program; its last lines are the frames."""
 
     ending: str  # of its name
     lines: list[str]
@@ -245,16 +245,16 @@ def test_blank_cells_are_filled_and_decimal_commas_quoted(tmp_path: Path) -> Non
     assert (tmp_path / "b.csv").read_text().splitlines()[1:] == ['0,"1,5","2,5","3,5"', '1,"4,0","4,0","4,0"']
 
 
-def test_gaps_come_back_near_the_truth_and_without_steps(
-    tmp_path: Path, truth: dict[str, np.ndarray], holed: dict[str, np.ndarray]
+def test_filled_gaps_are_near_the_truth_and_without_steps(
+    tmp_path: Path, truth: dict[str, np.ndarray], with_gaps: dict[str, np.ndarray]
 ) -> None:
-    hole = holed["ball"].copy()
+    hole = with_gaps["ball"].copy()
     hole[50:60] = np.nan
-    (tmp_path / "a.trc").write_bytes(trc(holed | {"ball": hole}))
+    (tmp_path / "a.trc").write_bytes(trc(with_gaps | {"ball": hole}))
     take = track(tmp_path / "a.trc")
     take.save(tmp_path / "out.trc")
     rows = [line.split("\t") for line in (tmp_path / "out.trc").read_text().splitlines()[6:]]
-    names = list(holed)
+    names = list(with_gaps)
     for name, (first, end) in GAPS.items():
         k = 2 + 3 * names.index(name)
         found = np.array([[float(cell) for cell in row[k : k + 3]] for row in rows])
@@ -271,15 +271,15 @@ def test_gaps_come_back_near_the_truth_and_without_steps(
 
 
 def test_gaps_that_remain_are_a_warning(
-    tmp_path: Path, holed: dict[str, np.ndarray], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, with_gaps: dict[str, np.ndarray], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    hole = holed["ball"].copy()
+    hole = with_gaps["ball"].copy()
     hole[50:60] = np.nan
-    (tmp_path / "a.trc").write_bytes(trc(holed | {"ball": hole}))
+    (tmp_path / "a.trc").write_bytes(trc(with_gaps | {"ball": hole}))
     paths = [str(tmp_path / name) for name in ("a.trc", "out.trc", "out.json")]
     main(["track", paths[0], "-o", paths[1], "--json", paths[2], "--quiet"])
-    values, said = json.loads((tmp_path / "out.json").read_text()), capsys.readouterr().err
-    assert f"WARNING: {values['warnings'][-1]}" in said and said.rstrip().endswith("'ball'")
+    values, stderr = json.loads((tmp_path / "out.json").read_text()), capsys.readouterr().err
+    assert f"WARNING: {values['warnings'][-1]}" in stderr and stderr.rstrip().endswith("'ball'")
     assert values["filled_frames"] == {name: end - first for name, (first, end) in GAPS.items()}
 
 
@@ -288,13 +288,15 @@ def c3d_of(path: Path, markers: dict[str, np.ndarray]) -> None:
     write_c3d(path, points_alone(tuple(markers), position, np.arange(90) / RATE), RATE)
 
 
-def test_a_c3d_file_comes_back(tmp_path: Path, truth: dict[str, np.ndarray], holed: dict[str, np.ndarray]) -> None:
-    c3d_of(tmp_path / "a.c3d", holed)
+def test_a_filled_c3d_file_keeps_its_other_data(
+    tmp_path: Path, truth: dict[str, np.ndarray], with_gaps: dict[str, np.ndarray]
+) -> None:
+    c3d_of(tmp_path / "a.c3d", with_gaps)
     track(tmp_path / "a.c3d").save(tmp_path / "out.c3d")
     old, new = ((tmp_path / name).read_bytes() for name in ("a.c3d", "out.c3d"))
     before, after = (ezc3d.c3d(str(tmp_path / name)) for name in ("a.c3d", "out.c3d"))
     names = before["parameters"]["POINT"]["LABELS"]["value"]
-    assert names == after["parameters"]["POINT"]["LABELS"]["value"] == list(holed)
+    assert names == after["parameters"]["POINT"]["LABELS"]["value"] == list(with_gaps)
     places = after["data"]["points"]  # (4, M, T)
     touched = np.zeros(places.shape[1:], dtype=bool)
     for name, (first, end) in GAPS.items():
@@ -335,8 +337,8 @@ def test_numbers_of_every_processor_are_read_and_written(tmp_path: Path, process
     assert (tmp_path / "b.c3d").read_bytes().endswith(b"rest")
 
 
-def test_what_cannot_come_back(tmp_path: Path, holed: dict[str, np.ndarray], clip: Clip) -> None:
-    (tmp_path / "a.trc").write_bytes(trc(holed))
+def test_unfillable_files_are_refused(tmp_path: Path, with_gaps: dict[str, np.ndarray], clip: Clip) -> None:
+    (tmp_path / "a.trc").write_bytes(trc(with_gaps))
     take = track(tmp_path / "a.trc")
     with pytest.raises(BodysenseError, match=r"same kind of file as a\.trc; give a name that ends in \.trc"):
         take.save(tmp_path / "out.csv")

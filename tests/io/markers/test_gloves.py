@@ -1,4 +1,4 @@
-"""Marker files: what is written is read again, other conventions are converted, and what is wrong is said."""
+"""Marker files of gloves: round trips, conversion of other conventions, and errors."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def assert_same(read: Observation, written: Observation, metres: float) -> None:
 
 
 @pytest.mark.parametrize("ending", [".csv", ".c3d"])
-def test_what_is_written_is_read(tmp_path: Path, hidden_gloves: Observation, ending: str) -> None:
+def test_written_gloves_are_read_back(tmp_path: Path, hidden_gloves: Observation, ending: str) -> None:
     path = tmp_path / f"gloves{ending}"
     write_markers(path, hidden_gloves, RATE)
     assert is_marker_file(path)
@@ -146,7 +146,7 @@ def test_numbers_too_large_to_square_are_refused(tmp_path: Path, gloves: Observa
 
 
 def c3d(path: Path, position: np.ndarray, labels: list[str], unit: str, screens: tuple[str, str] | None) -> None:
-    """A file of another program's."""
+    """A file of another program."""
     file = ezc3d.c3d()
     points = np.ones((4, position.shape[1], len(position)))
     points[:3] = position.transpose(2, 1, 0)
@@ -196,7 +196,7 @@ TABLES = {
     "not JSON": ("{", "not JSON; give an object of names"),
     "nothing": ("{}", "a table of names has pairs"),
     "a number": ('{"a": 1}', "a table of names has pairs"),
-    "a marker that is none": ('{"a": "left_glove_nose"}', "'left_glove_nose' .* is no marker; say .* pinky_base"),
+    "a marker that is none": ('{"a": "left_glove_nose"}', "'left_glove_nose' .* is no marker; give .* pinky_base"),
     "no hand": ('{"a": "glove_wrist"}', "is no marker"),
     "ours twice": ('{"a": "left_glove_wrist", "b": "left_glove_wrist"}', "'left_glove_wrist' stands twice"),
     "theirs twice": ('{"a": "left_glove_wrist", "a": "left_glove_index_tip"}', "'a' stands twice"),
@@ -204,7 +204,7 @@ TABLES = {
 
 
 @pytest.mark.parametrize("what", TABLES)
-def test_tables_that_are_refused(tmp_path: Path, what: str) -> None:
+def test_invalid_name_tables_are_refused(tmp_path: Path, what: str) -> None:
     text, message = TABLES[what]
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(BodysenseError, match=message):
@@ -232,7 +232,7 @@ WRONG = {
         f"{HEADER}\n{'1' + ROW[1:]}\n{ROW}",
         "time goes from 1 s to 0 s at frame 1; times must increase",
     ),
-    "no times": (f"{HEADER[5:]}\n{ROW[2:]}", "no column of times; say .* --rate"),
+    "no times": (f"{HEADER[5:]}\n{ROW[2:]}", "no column of times; give .* --rate"),
     "other markers": (
         "time,a.x,a.y,a.z\n0,1,2,3",
         "no marker of a glove and no marker set .* among 'a': none is .*; give a table of names with --names",
@@ -241,7 +241,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_files_that_are_refused(tmp_path: Path, what: str) -> None:
+def test_invalid_files_are_refused(tmp_path: Path, what: str) -> None:
     text, message = WRONG[what]
     (tmp_path / "a.csv").write_text(text)
     with pytest.raises(BodysenseError, match=message) as caught:
@@ -258,7 +258,7 @@ def test_rates(tmp_path: Path, gloves: Observation) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"hello" * 200, b"\x02\x50" + bytes(510), b"\x02\x50" + b"\xff" * 3000])
-def test_c3d_files_that_are_none(tmp_path: Path, content: bytes) -> None:
+def test_files_that_are_not_c3d_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.c3d").write_bytes(content)
     with pytest.raises(
         BodysenseError,
@@ -277,7 +277,7 @@ def test_c3d_files_that_are_cut_short(tmp_path: Path, gloves: Observation) -> No
 
 
 @pytest.mark.parametrize(("factor", "unit"), [(1000.0, "mm"), (100.0, "cm")])
-def test_another_unit_than_declared_is_told(gloves: Observation, factor: float, unit: str) -> None:
+def test_a_wrong_declared_unit_is_reported(gloves: Observation, factor: float, unit: str) -> None:
     with pytest.raises(BodysenseError, match=f"the numbers are {unit}, not m; give --unit {unit}"):
         check_gloves(replace(gloves, position=gloves.position * factor), "a.csv")
     with pytest.raises(BodysenseError, match=f"the numbers are m, not {unit}; give --unit m"):
@@ -289,19 +289,19 @@ def test_an_impossible_hand(gloves: Observation) -> None:
         check_gloves(replace(gloves, position=gloves.position * 8), "a.csv")
 
 
-def test_a_mirrored_world_is_told(gloves: Observation) -> None:
+def test_a_mirrored_world_is_reported(gloves: Observation) -> None:
     for mirror in ([-1, 1, 1], [1, -1, 1], [1, 1, -1]):
         with pytest.raises(BodysenseError, match="the left and the right glove looks like a hand only in a mirror"):
             check_gloves(replace(gloves, position=gloves.position * mirror), "a.csv")
 
 
-def test_left_taken_for_right_is_told(gloves: Observation) -> None:
+def test_swapped_hands_are_reported(gloves: Observation) -> None:
     with pytest.raises(BodysenseError, match="--left-handed; otherwise the names take left for right"):
         check_gloves(replace(gloves, points=(*glove_points("right"), *glove_points("left"))), "a.csv")
 
 
 @pytest.mark.parametrize(("one", "other"), [("index_tip", "middle_tip"), ("wrist", "index_base")])
-def test_swapped_identifiers_are_told(gloves: Observation, one: str, other: str) -> None:
+def test_swapped_markers_are_reported(gloves: Observation, one: str, other: str) -> None:
     points = list(gloves.points)
     a, b = MARKERS.index(one), MARKERS.index(other)
     points[a], points[b] = points[b], points[a]
@@ -319,7 +319,7 @@ def test_no_remark_on_good_gloves_wherever_they_are(gloves: Observation, seed: i
     assert check.sizes["left"] == pytest.approx(size, rel=0.08)
 
 
-def test_a_glove_that_is_hardly_seen_is_passed_over(gloves: Observation) -> None:
+def test_a_rarely_seen_glove_is_ignored(gloves: Observation) -> None:
     few = chosen_points(gloves, [0, 1, 2, 3, 4])
     check = check_gloves(few, "a.csv")
     assert check.sizes == {} and "never shows 7 markers" in check.remarks[0]

@@ -188,15 +188,17 @@ def test_bones_of_motive_are_joints(tmp_path: Path) -> None:
     found = read_markers(tmp_path / "a.csv")
     seen = found.observation
     assert "bones of Motive: 16 markers" in found.remarks[0] and found.has_body
-    placed = seen.has_position[0]
-    assert {name for k, name in enumerate(seen.points) if placed[k]} == {*bones.values()} - {"spine3"}
-    np.testing.assert_allclose(seen.position[0, placed], place[skeleton.indices(seen.points)][placed], atol=1e-9)
+    has_position = seen.has_position[0]
+    assert {name for k, name in enumerate(seen.points) if has_position[k]} == {*bones.values()} - {"spine3"}
+    np.testing.assert_allclose(
+        seen.position[0, has_position], place[skeleton.indices(seen.points)][has_position], atol=1e-9
+    )
     turned = {name for k, name in enumerate(seen.points) if seen.has_rotation[0, k]}
     assert turned == {"pelvis", "spine3", "head", "left_wrist", "right_wrist", "left_ankle", "right_ankle"}
     np.testing.assert_allclose(seen.rotation[seen.has_rotation], np.tile([1.0, 0, 0, 0], (21, 1)), atol=1e-9)
 
 
-def test_c3d_is_what_ezc3d_writes_and_reads(tmp_path: Path) -> None:
+def test_c3d_files_match_ezc3d(tmp_path: Path) -> None:
     observation = points_alone(NAMES, PLACE / 1000, np.arange(4) / RATE)
     write_c3d(tmp_path / "ours.c3d", observation, RATE)
     theirs = ezc3d.c3d(str(tmp_path / "ours.c3d"))
@@ -236,7 +238,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_what_is_wrong_is_said(tmp_path: Path, what: str) -> None:
+def test_errors_name_the_problem(tmp_path: Path, what: str) -> None:
     name, write, message = WRONG[what]
     (tmp_path / name).write_text(write(), encoding="utf-16-le" if what == "UTF-16" else "utf-8")
     with pytest.raises(BodysenseError, match=message) as caught:
@@ -245,7 +247,7 @@ def test_what_is_wrong_is_said(tmp_path: Path, what: str) -> None:
 
 
 @pytest.mark.parametrize("written", ["cubit", ""])
-def test_a_given_unit_goes_before_the_headers(tmp_path: Path, written: str) -> None:
+def test_a_given_unit_overrides_the_header(tmp_path: Path, written: str) -> None:
     (tmp_path / "a.trc").write_text(trc().replace("\tmm", f"\t{written}"))
     assert read_raw(tmp_path / "a.trc", unit="cm").unit == "cm"
     (tmp_path / "a.csv").write_text(motive().replace("Millimeters", written))
@@ -263,14 +265,14 @@ def test_labels_may_be_latin(tmp_path: Path) -> None:
     assert read_raw(tmp_path / "a.trc").names[0] == "Stérn"
 
 
-def test_times_that_jump_are_said(tmp_path: Path) -> None:
+def test_jumping_times_are_reported(tmp_path: Path) -> None:
     (tmp_path / "a.trc").write_text(trc().replace("0.02500", "1.02500"))
     assert "the times jump by 1.01 s at line 10" in read_raw(tmp_path / "a.trc").remarks[0]
     (tmp_path / "a.trc").write_text(trc())
     assert read_raw(tmp_path / "a.trc").remarks == ()
 
 
-def test_zeros_of_csv_are_gaps_unless_said_valid(tmp_path: Path) -> None:
+def test_zeros_in_csv_are_gaps_unless_marked_valid(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("time,a.x,a.y,a.z,b.x,b.y,b.z,b.isValid\n0,0,0,0,0,0,0,1\n0.1,0,0,1,0,0,0,0\n")
     position = read_raw(tmp_path / "a.csv").position
     np.testing.assert_array_equal(np.isfinite(position).all(axis=-1), [[False, True], [True, False]])

@@ -158,8 +158,8 @@ BONES = {
 }
 
 
-def worn(pose: Pose, names: dict[str, str]) -> dict[str, np.ndarray]:
-    """Where the markers of a set are on a posed body, (T, 3) m each."""
+def marker_positions(pose: Pose, names: dict[str, str]) -> dict[str, np.ndarray]:
+    """Return the positions (T, 3) m of the markers of a set on a posed body."""
     position, rotation = forward_kinematics(pose)
     places: dict[str, np.ndarray] = {}
     for spot, label in names.items():
@@ -181,7 +181,7 @@ def _right(label: str) -> str:
 
 
 def _spot(skeleton: Skeleton, spot: str) -> tuple[str, np.ndarray]:
-    """The joint that carries a spot, and where it is in that joint's frame: larger bodies have larger skins."""
+    """Return the joint that carries a spot, and its offset in that joint's frame, which grows with the body."""
     size = skeleton.height / default_skeleton().height
     real = (skeleton.path @ skeleton.rest_offset) + skeleton.rest_offset[0]
     joint, start = BONES[spot][:2] if spot in BONES else SPOTS[spot][:2]
@@ -234,7 +234,7 @@ def _part(joint: str) -> str:
 
 
 def raw_of(clip: Clip, names: dict[str, str], scale: float = 1.0, unit: str = "m") -> RawMarkers:
-    places = worn(clip.pose, names)
+    places = marker_positions(clip.pose, names)
     position = np.stack(list(places.values()), axis=1) * scale
     return RawMarkers(tuple(places), position, clip.time, clip.frame_rate, unit)  # type: ignore[arg-type]
 

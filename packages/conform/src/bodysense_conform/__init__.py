@@ -1,1 +1,1 @@
-"""A referee for body trackers: is what a tracker gives out a body that moves?"""
+"""A referee for body trackers: checks whether a tracker's output is a moving human body."""

@@ -1,4 +1,4 @@
-"""Evaluator: puts the table of checks to a subject and gives the verdict."""
+"""Evaluator: applies the table of checks to a subject and gives the verdict."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from typing import Literal
 import numpy as np
 
 from bodysense.body.gaps import runs
+from bodysense_conform.expressions import columns
 from bodysense_conform.series import NotEnough, need
 from bodysense_conform.subject import Subject
 from bodysense_conform.table import Check, CheckTable, table
-from bodysense_conform.words import columns
 
 Outcome = Literal["pass", "fail", "retake", "measured", "not enough"]
 Judgement = Literal["pass", "fail", "retake", "not enough"]
 OUTCOMES: tuple[Outcome, ...] = ("pass", "fail", "retake", "measured", "not enough")
 EXIT_STATUS: dict[Judgement, int] = {"pass": 0, "fail": 1, "retake": 2, "not enough": 2}
-_HELD = 0.6  # of a step in which a pose is held: its last part is judged
+_HELD = 0.6  # share of a step at its end in which a pose is held and judged
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Verdict:
 
 
 def judge(subject: Subject, checks: CheckTable | None = None) -> Verdict:
-    """Put all checks to a subject, in order. A group is skipped after a gate of it, or of a group it needs, failed."""
+    """Apply all checks to a subject, in order. A group is skipped if a gate of it, or of a group it needs, fails."""
     checks = checks or table()
     findings: list[Finding] = []
     closed: dict[str, str] = {}  # group: the gate that failed
@@ -82,7 +82,7 @@ def judge(subject: Subject, checks: CheckTable | None = None) -> Verdict:
 
 
 def find(check: Check, subject: Subject) -> Finding:
-    """Put one check to a subject: the statistic of its quantity in its window, the worst column and step."""
+    """Apply one check to a subject: the statistic of its quantity in its window, the worst column and step."""
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore", RuntimeWarning)  # NumPy warns of NaN, which means unknown here
@@ -98,7 +98,7 @@ def find(check: Check, subject: Subject) -> Finding:
 
 
 def _figures(check: Check, subject: Subject) -> Iterator[tuple[float, str, int | None]]:
-    """Value, column and frame of every column in every window."""
+    """Return value, column and frame of every column in every window."""
     windows = _windows(check.window, subject)
     found = columns(check, subject)
     for during in windows:
@@ -115,7 +115,7 @@ def _figures(check: Check, subject: Subject) -> Iterator[tuple[float, str, int |
 
 
 def _windows(window: str, subject: Subject) -> list[np.ndarray]:
-    """Frames (T,) of the take, or of every step with a label."""
+    """Return the frames (T,) of the take, or of every step with a label."""
     if window == "take":
         return [np.ones(len(subject), dtype=bool)]
     label = window.removeprefix("held ")
@@ -125,7 +125,7 @@ def _windows(window: str, subject: Subject) -> list[np.ndarray]:
 
 
 def _excess(check: Check, value: float) -> float:
-    """How far a value is beyond the limits; the value itself if it has no limits."""
+    """Return how far a value is beyond the limits; the value itself if the check has no limits."""
     if check.least is None and check.most is None:
         return value
     low, high = (-np.inf if check.least is None else check.least), (np.inf if check.most is None else check.most)
@@ -139,9 +139,9 @@ def reduced(statistic: str, values: np.ndarray, second: int, interval: float) ->
         statistic: 'max', 'min', 'mean', 'median', 'sum', percentiles as 'p25', 'share' (of true values, %), 'longest'
             (run of true values, s), 'per minute', 'spread' (p5 to p95), 'variation' (coefficient of, %), 'scatter'
             (mean departure from the median, % of it), 'change' (greatest difference of the medians of two seconds).
-            With '> 1' or '< 1' at its end it is of whether the values are so.
+            With '> 1' or '< 1' at its end, it is the statistic of this comparison.
         values: the quantity in the window.
-        second: frames of a second.
+        second: frames per second.
         interval: s between frames.
     """
     if statistic.split()[-2:-1] in (["<"], [">"]):

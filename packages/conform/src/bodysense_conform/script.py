@@ -30,7 +30,7 @@ _ALSO = {
     "left_grasps_right_fist": "other",
     "clap": "other",
 }
-"""Other names of our steps: those of the public acceptance suite for robots' trackers, and plain ones."""
+"""Other names of our steps: plain ones, and those of the public acceptance suite for robots' trackers."""
 
 
 def read_script(path: Path) -> tuple[Step, ...]:

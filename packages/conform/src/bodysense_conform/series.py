@@ -24,7 +24,7 @@ class Absent(NotEnough):
 def need(found: T | None, reason: str) -> T:
     """Return what a quantity needs, or raise NotEnough with the reason if it is None, False or empty.
 
-    An array is never too little, whatever it contains.
+    An array is accepted whatever it contains.
     """
     if found is None or not (isinstance(found, np.ndarray) or found):
         raise NotEnough(reason)

@@ -31,7 +31,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Transport:
-    """Facts about messages that only a container or a stream knows; None if it does not say."""
+    """Facts about messages from a container or a stream; None if unknown."""
 
     messages: int | None = None  # received
     malformed: int = 0  # received and unreadable
@@ -84,7 +84,7 @@ class Subject:
         return self.has(*names) and bool(self.rotated[self.columns(names)].all())
 
     def columns(self, names: Sequence[str]) -> np.ndarray:
-        """Columns of some points."""
+        """Return the columns of some points."""
         return np.array([self._index[name] for name in names], dtype=np.int64)
 
     def column(self, name: str) -> int:
@@ -157,7 +157,7 @@ class Subject:
         return float(self.time[-1] - self.time[0]) if len(self) else 0.0
 
     def frames(self, seconds: float) -> int:
-        """Number of frames in a time, at least 1."""
+        """Return the number of frames in a time, at least 1."""
         return max(round(seconds / self.interval), 1) if self.interval > 0 else 1
 
     @cached_property
@@ -177,7 +177,7 @@ class Subject:
 
     @cached_property
     def trunk_and_limbs(self) -> tuple[str, ...]:
-        """Known points of the body without feet and toes, which takes by markers spin."""
+        """Known points of the body without feet and toes, which flip in takes from markers."""
         return tuple(name for name in self.body if not name.endswith(("_foot", "_toe")))
 
     def parent(self, name: str) -> str:
@@ -276,7 +276,7 @@ def points_subject(
     rotated: np.ndarray,
     valid: np.ndarray | None = None,
 ) -> Subject:
-    """Return values of points by `names` as a subject: of a name that comes twice the first, of unknown names none.
+    """Return a subject from points by `names`: duplicates and unknown names are dropped.
 
     Arrays are those of a subject; all points are valid if `valid` is omitted.
     """

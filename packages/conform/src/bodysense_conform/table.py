@@ -26,7 +26,7 @@ class Check:
     """A statistic of a quantity in a window, with its limits; without limits it is only measured."""
 
     id: str  # group.name
-    quantity: str  # expression, see bodysense_conform.words
+    quantity: str  # expression, see bodysense_conform.expressions
     statistic: str  # see evaluate.reduced
     why: str  # one sentence for users of the tracker
     of: tuple[str, ...] | str = ("",)  # columns: joints, or bones as 'parent, child'; or an expression that lists them
@@ -61,11 +61,11 @@ class Check:
 
 @dataclass(frozen=True)
 class CheckTable:
-    """All groups and checks, in the order in which they are asked."""
+    """All groups and checks, in the order of evaluation."""
 
     groups: tuple[Group, ...]
     checks: tuple[Check, ...]
-    sha256: str  # reports with the same hash asked the same questions
+    sha256: str  # reports with the same hash used the same checks
 
     def before(self, group: str) -> set[str]:
         """Return a group and all groups that it needs, directly or not."""

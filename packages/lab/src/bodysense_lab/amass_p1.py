@@ -27,7 +27,7 @@ from bodysense.io.body_model import read_model
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source
 from bodysense.io.datasets.splits import Split
-from bodysense.io.placement import footing_of, placed, placement_of
+from bodysense.io.placement import apply_placement, footing_of, placement_of
 from bodysense.io.resample import resample
 from bodysense.metrics import jitter, joint_error, velocity_error
 from bodysense_lab.completion.tracking import TrackPeople
@@ -137,7 +137,7 @@ def read_clip(source: Source, model: Path | None) -> Clip:
         shape = read_model(model).shape(np.zeros(0))
         clip = read_amass(source.path, shape.skeleton, shape.pelvis)
     clip = resample(clip, RATE)
-    return replace(placed(clip, placement_of(footing_of(clip), has_bones=True)), person=source.person)
+    return replace(apply_placement(clip, placement_of(footing_of(clip), has_bones=True)), person=source.person)
 
 
 def score_source(source: Source, model: Path | None, track: TrackPeople) -> dict[str, float]:

@@ -1,1 +1,1 @@
-"""Published data sets: what their folders tell, and splits by person."""
+"""Published data sets: layouts of their folders, and splits by person."""

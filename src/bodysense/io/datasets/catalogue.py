@@ -1,4 +1,4 @@
-"""Public motion data that the readers know, for `bodysense data sources`; a collection is an entry of a file."""
+"""Catalogue of public motion data that can be read, for `bodysense data sources`."""
 
 from __future__ import annotations
 

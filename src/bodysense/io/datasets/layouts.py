@@ -1,4 +1,4 @@
-"""Layouts of the published data sets: what a folder tells of the person, the split and the kind of each motion.
+"""Layouts of published data sets: person, split and kind of each motion, from the names of files and folders.
 
     unoc     <participant>/merged bvh/*.bvh. The release of UNOC (Parger et al. 2021; 120 Hz, centimetres): a folder
              for each of its 13 participants. Other files of it (the hands alone, reference_skeleton.bvh) are left out.
@@ -65,7 +65,7 @@ class Labelled:
 
 
 def layout_of(directory: Path, files: Sequence[MotionFile]) -> Layout:
-    """The layout of a folder, by the names in it and, for Mixamo, by the first line of each file."""
+    """Return the layout of a folder, from the names in it and, for Mixamo, the first line of each file."""
     inside = [file.inside(directory) for file in files]
     if any(_is_merged(path) for path in inside):
         return "unoc"
@@ -82,12 +82,12 @@ def labelled(layout: Layout, directory: Path, files: Sequence[MotionFile]) -> li
     among them, and does not name them; its released code takes the last fifth in the order of the folders. Of a whole
     release (13 participants, in the order of their numbers or names) the last two are the test set here, the one
     before them validation; of another number, the name decides as elsewhere (`split_of`).
-    twh: the person is the speaker, 'deep5' (who came to several sessions) or 'shallow26' (to one); of a file that names
-    none, the session. Takes that configs/conversations.json lists are 'conversation', others 'other'.
+    twh: the person is the speaker, 'deep5' (several sessions) or 'shallow26' (one session); without
+    one, the session. Takes that configs/conversations.json lists are 'conversation', others 'other'.
     mixamo: there are no persons, and one motion stands on several characters. What must not be in two splits is the
     motion, so the 'person' is its name: that of the file, without 'Character@' before it and ' (1)' behind it.
     folder: see `sources.list_sources`.
-    Raises BodysenseError where a folder is not of the layout that was asked for.
+    Raises BodysenseError if the folder does not have the requested layout.
     """
     if layout == "unoc":
         return _unoc(directory, files)
@@ -124,7 +124,7 @@ def _unoc(directory: Path, files: Sequence[MotionFile]) -> list[Labelled]:
 
 
 def _unoc_split(order: Sequence[str], place: int) -> Split:
-    """The split of a participant, by the rule that `labelled` says."""
+    """Return the split of a participant by the rule in `labelled`."""
     if len(order) != UNOC_PARTICIPANTS:
         return split_of(order[place])
     return "test" if place >= len(order) - 2 else "val" if place == len(order) - 3 else "train"
@@ -154,7 +154,7 @@ def _talking_with_hands(directory: Path, files: Sequence[MotionFile]) -> list[La
 
 
 def _conversations(directory: Path) -> set[tuple[str, str]] | None:
-    """(session, take) of the conversations that the release lists; None where the list is not there."""
+    """Return (session, take) of the conversations that the release lists; None if the list is missing."""
     for folder in (directory, directory.resolve().parent):
         path = folder / "configs" / "conversations.json"
         if path.is_file():
@@ -168,7 +168,7 @@ def _conversations(directory: Path) -> set[tuple[str, str]] | None:
 
 
 def _person(file: MotionFile, directory: Path) -> str:
-    """The first folder, a zip file not counted unless it is all that names anybody; else the beginning of the name.
+    """Return the person: the first folder (a zip file only if nothing else names one), else the beginning of the name.
 
     Below the folder of a set of AMASS people have folders of their own.
     """
@@ -183,5 +183,5 @@ def _person(file: MotionFile, directory: Path) -> str:
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """Order of names with numbers in them: P2 before P10."""
+    """Return a sort key for names with numbers: P2 before P10."""
     return [(int(part), "") if part.isdigit() else (-1, part.lower()) for part in re.split(r"(\d+)", name)]

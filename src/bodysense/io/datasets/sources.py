@@ -1,4 +1,4 @@
-"""Motion files on disk: one file, a folder of them, and the person, category and split of each."""
+"""Motion files on disk, alone or in folders, with the person, category and split of each."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bodysense.io.archive import SUFFIXES, ZIP, MotionFile, motion_files
 from bodysense.io.clip import Clip, at_height
 from bodysense.io.datasets.layouts import Layout, labelled, layout_of
 from bodysense.io.datasets.splits import SPLITS, Split
-from bodysense.io.placement import BodyPlacement, read_placed, standing_floor
+from bodysense.io.placement import BodyPlacement, read_with_placement, standing_floor
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigged import read_rigged
 from bodysense.io.rigs.canonical import complete_skeleton
@@ -61,7 +61,7 @@ def read_source(source: Source, options: ReadingOptions = AS_FOUND) -> Clip:
 
 
 def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[Clip, Rig | None]:
-    """The clip of a source in canonical form, and the rig that was recognised; None of a file that has none (AMASS).
+    """Return the clip of a source in canonical form, and the recognised rig; None for AMASS, which has no rig.
 
     Raises BodysenseError for other files and damaged ones.
     """
@@ -87,22 +87,22 @@ def read_amass_source(source: Source, options: ReadingOptions) -> tuple[Clip, Bo
         clip = read_amass(source.path, source.skeleton)
         if options.floor is None:
             clip = with_floor(clip, standing_floor(clip))
-        return as_told(clip, options, "AMASS files", "z"), None
-    clip, placement = read_placed(source.path, options.smpl_model, source.placement)
+        return apply_options(clip, options, "AMASS files", "z"), None
+    clip, placement = read_with_placement(source.path, options.smpl_model, source.placement)
     if options.floor is not None:  # undo the floor that was found
         clip = with_floor(clip, -placement.floor)
-    return as_told(clip, options, "AMASS files", "z"), placement
+    return apply_options(clip, options, "AMASS files", "z"), placement
 
 
 def list_sources(directory: str | Path, layout: Layout | None = None) -> list[Source]:
-    """The motion files of a folder, those in zip files included, sorted by path.
+    """Return the motion files of a folder, those in zip files included, sorted by path.
 
     A folder with `splits.json` is read by that file, `categories.csv` and `skeletons.json` (see docs/data.md), and so
     is the folder of one of its sets. The published data sets that `io.datasets.layouts` describes are recognised by
-    what is in the folder, or taken to be of `layout`. In any other, the person is the first folder below `directory`;
-    of files that lie in it, the 'subject5' in the name, or else the name up to the first '_'. The split follows from
-    the person's name. Raises BodysenseError where there is no file, and where the folder is not of the layout asked
-    for.
+    the folder's content, or given by `layout`. In any other, the person is the first folder below `directory`;
+    for files directly in it, the 'subject5' in the name, or else the name up to the first '_'. The split follows from
+    the person's name. Raises BodysenseError if there is no file, or if the folder does not have the requested
+    layout.
     """
     directory = Path(directory)
     if not directory.is_dir():
@@ -125,7 +125,7 @@ def list_sources(directory: str | Path, layout: Layout | None = None) -> list[So
 
 
 def skeleton_from_entry(entry: dict[str, Any]) -> Skeleton:
-    """The full skeleton of an entry of `skeletons.json`; what it lacks is the default's, scaled to fit."""
+    """Return the full skeleton of an entry of `skeletons.json`; missing points are the default's, scaled to fit."""
     ours = default_skeleton()
     offset = {name: np.array(row["offset"], dtype=float) for name, row in entry["joints"].items() if row["parent"]}
     for name, row in entry["end_sites"].items():
@@ -147,7 +147,7 @@ def _described_sets(directory: Path) -> Collection[str]:
 
 
 def _described_sources(directory: Path) -> list[Source]:
-    """Files of a folder that has splits.json ({set: {split: people or clips}}), categories.csv and skeletons.json."""
+    """Return the files of a folder of splits.json ({set: {split: people or clips}}) and its two companions."""
     try:
         splits = json.loads((directory / "splits.json").read_text(encoding="utf-8"))
         with (directory / "categories.csv").open(newline="", encoding="utf-8") as file:
@@ -175,8 +175,8 @@ def _described_sources(directory: Path) -> list[Source]:
     return sources
 
 
-def as_told(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Clip:
-    """Apply options to a motion of a `kind` of files that fix all but the floor and the height, with axis `up`."""
+def apply_options(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Clip:
+    """Apply the floor and the height of options to a motion; other options are refused for this `kind` of files."""
     for option, value in (("unit", options.unit), ("joints", options.joints), ("figure", options.figure)):
         if value is not None:
             raise BodysenseError(

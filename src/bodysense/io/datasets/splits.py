@@ -14,7 +14,7 @@ SPLITS: tuple[Split, ...] = ("train", "val", "test")
 def split_of(person: str) -> Split:
     """Return the split of a person by name alone: about 80 % train, 10 % val, 10 % test, equal on every machine.
 
-    Adding people never moves anyone. A handful of people may leave a split empty.
+    Adding people never changes the split of others. With few people a split may be empty.
     """
     share = int.from_bytes(hashlib.sha256(person.encode()).digest()[:8], "big") / 2**64
     return "train" if share < 0.8 else "val" if share < 0.9 else "test"
@@ -26,6 +26,6 @@ def empty_split(name: str, split: str, splits: Iterable[str]) -> str:
     there = ", ".join(f"{counts[known]} of {known}" for known in SPLITS if counts[known])
     return (
         f"{name}: none of its {counts.total()} clips is of split {split!r} ({there or 'it has none'}); "
-        "people are split by their names: give motion of more people, say their splits in splits.json, or choose "
+        "people are split by their names: give motion of more people, give their splits in splits.json, or choose "
         "another --split if the command has one"
     )

@@ -1,1 +1,1 @@
-"""glTF 2.0 and what VRM adds to it: motion read, motion written."""
+"""glTF 2.0 and VRM animations: readers and writers of motion."""

@@ -58,7 +58,7 @@ class GltfFile:
 
     @cached_property
     def nodes(self) -> list[dict[str, Any]]:
-        """Its nodes. Raises BodysenseError if they are too many or not objects."""
+        """Nodes of the document. Raises BodysenseError if they are too many or not objects."""
         nodes = self.document.get("nodes", [])
         if not isinstance(nodes, list) or not all(isinstance(node, dict) for node in nodes):
             raise BodysenseError(f"{self.path}: its nodes are not a list of objects; export it again")
@@ -68,7 +68,7 @@ class GltfFile:
 
     @cached_property
     def parents(self) -> list[int]:
-        """The parent of each node, -1 for a root. Raises BodysenseError if they are not trees."""
+        """Parent of each node, -1 for a root. Raises BodysenseError if the nodes are not trees."""
         parents = [-1] * len(self.nodes)
         for k, node in enumerate(self.nodes):
             for child in node.get("children", []):
@@ -116,7 +116,7 @@ def _entry(document: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def _chunks(path: Path, data: bytes) -> tuple[bytes, bytes]:
-    """JSON and binary part of a .glb."""
+    """Return the JSON and the binary part of a .glb."""
     parts: dict[int, bytes] = {}
     at = 12
     while at + 8 <= len(data):
@@ -144,7 +144,7 @@ def _buffer(path: Path, about: dict[str, Any], binary: bytes) -> bytes:
             raise BodysenseError(f"{path}: a buffer in it is not base64; export it again") from None
     beside = path.parent / unquote(uri)
     if beside.resolve().parent != path.parent.resolve() or not beside.is_file():
-        raise BodysenseError(f"{path}: needs the file {uri[:60]!r} beside it; copy both, or export it as .glb")
+        raise BodysenseError(f"{path}: needs the file {uri[:60]!r} next to it; copy both, or export it as .glb")
     if beside.stat().st_size > LARGEST_TEXT:
         raise BodysenseError(f"{beside}: larger than {LARGEST_TEXT >> 30} GiB; export the skeleton without meshes")
     return beside.read_bytes()

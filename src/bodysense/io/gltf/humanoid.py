@@ -50,7 +50,7 @@ _UNITY_THUMB = {"ThumbMetacarpal": "ThumbProximal", "ThumbProximal": "ThumbInter
 
 
 def unity_bone(vrm_bone: str) -> str:
-    """The name in Unity's `HumanBodyBones`: capitalised, and thumbs one joint further out by name."""
+    """Return the name in Unity's `HumanBodyBones`: capitalised, and thumbs one joint further out by name."""
     for theirs, unity in _UNITY_THUMB.items():
         if vrm_bone.endswith(theirs):
             vrm_bone = vrm_bone.removesuffix(theirs) + unity

@@ -37,12 +37,12 @@ HEIGHTS = (1.0, 2.6)  # m, of a resting body in metres
 USUAL = 1.7  # m, of a body in no known unit
 _STEADY = 0.02  # share by which the steps between frames may differ
 STRETCH = 1e-4  # m: bones that vary by less are rigid
-_LOOKED_AT = 60  # frames by which a body is recognised
+_LOOKED_AT = 60  # frames used to recognise a body
 _LONGEST = 10**7  # frames × nodes
 
 
 def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, ...]]:
-    """The motion of a file in canonical form, and remarks. Raises BodysenseError for one without a moving humanoid.
+    """Return the motion of a file in canonical form, and remarks. Raises BodysenseError without a moving humanoid.
 
     `joints` is a file that names the joints (`io.rigs.rig`); they are recognised if it is omitted.
     """
@@ -50,7 +50,7 @@ def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, 
     names, is_vrm = _names(file)
     tracks = _tracks(file)
     if is_vrm and joints is not None:
-        raise BodysenseError(f"{path}: a VRM file says which joint is which; leave --joints out")
+        raise BodysenseError(f"{path}: a VRM file names its joints; leave --joints out")
     rig = _recognised(file, _figure(file, names, tracks), joints)
     root = names.index(rig.joints.get("pelvis", rig.hub))
     below = _in_our_order(_below(file, root), names)
@@ -131,7 +131,7 @@ def _recognised(file: GltfFile, figure: Figure, joints: Path | None) -> Rig:
 
 
 def figure_of_gltf(path: Path) -> Figure:
-    """Return the animated tree, whose joints are to be named. Raises BodysenseError if nothing is animated."""
+    """Return the animated tree, its joints not yet recognised. Raises BodysenseError if nothing is animated."""
     file = open_gltf(path)
     return _figure(file, _names(file)[0], _tracks(file))
 
@@ -171,7 +171,7 @@ def _figure(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], T
 
 
 def _above(file: GltfFile, node: int) -> list[int]:
-    """Return a node, its parent … up to a root."""
+    """Return a node and its ancestors up to a root."""
     chain = [node]
     while file.parents[chain[-1]] >= 0:
         chain.append(file.parents[chain[-1]])

@@ -13,7 +13,7 @@ from pathlib import Path
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed
-from bodysense.io.gltf.written import Arrays, animation, check_motion, skeleton_nodes, write_binary
+from bodysense.io.gltf.writer import Arrays, animation, check_motion, skeleton_nodes, write_binary
 
 _EXTENSION = "VRMC_vrm_animation"
 

@@ -1,4 +1,4 @@
-"""A body from its markers: the set is recognised, unit, up axis and floor are inferred, and joints are computed."""
+"""Body from markers: recognise the set, infer unit, up axis and floor, and compute joints."""
 
 from __future__ import annotations
 
@@ -62,14 +62,14 @@ def body_of(
     unit, size = _unit(markers, file, raw, form, place, remarks)
     raw = replace(raw, unit=unit, axes=_axes(markers, file, raw, form, remarks))
     places: Places = {name: convert_world(position, raw, form) for name, position in file.items()}
-    floor = _settle(markers, places, form, remarks)
+    floor = _lower_to_floor(markers, places, form, remarks)
     rotations = _bones(raw, known, here, places, remarks)
     accuracy: dict[str, float] = {}
     with np.errstate(invalid="ignore"):
         frames = _frames(markers, places)
         _check_mirror(markers, places, frames, place)
         for recipe in markers.points:
-            if recipe.name in accuracy or not _can(recipe, places, frames):
+            if recipe.name in accuracy or not _is_applicable(recipe, places, frames):
                 continue
             places[recipe.name] = centre_of(recipe, places, frames, size)
             accuracy[recipe.name] = recipe.accuracy * max(size, 0.5)
@@ -79,12 +79,12 @@ def body_of(
         for frame in markers.frames:
             if frame.joint is not None and frame.name in frames and frame.joint not in rotations:
                 rotations[frame.joint] = turns_of(frames[frame.name])
-    others = _unknown(raw, known, accuracy, place, of_gloves)
+    others = _unknown_labels(raw, known, accuracy, place, of_gloves)
     observation = _observed(raw, places, rotations, accuracy)
     seen = np.asarray(observation.has_position.any(axis=0) | observation.has_rotation.any(axis=0))
     points = [name for name, is_seen in zip(observation.points, seen, strict=True) if is_seen]
     arms_hang = not of_gloves and all(name.rpartition("_")[2] in ("pelvis", *LEG) for name in points)
-    warnings = (*_doubled(raw, known), *_guessed([*points, *of_gloves.values()], others, arms_hang))
+    warnings = (*_duplicate_warning(raw, known), *_guess_warning([*points, *of_gloves.values()], others, arms_hang))
     return MarkerRecording(
         observation=observation,
         frame_rate=raw.frame_rate,
@@ -107,7 +107,7 @@ def _recognised(raw: RawMarkers, known: Recognised, here: Mapping[str, int]) -> 
     return text + (f"; left out: {listed(others)}" if others else "")
 
 
-def _unknown(
+def _unknown_labels(
     raw: RawMarkers, known: Recognised, accuracy: Mapping[str, float], place: str, of_gloves: Mapping[str, str]
 ) -> list[str]:
     """Return the unknown labels.
@@ -119,22 +119,22 @@ def _unknown(
     if len(others) >= UNKNOWN * (len(others) + len(known.columns)) and len(accuracy) < SURE:
         raise BodysenseError(
             f"{place}: {len(known.columns)} labels are of {known.markers.name}, too few to be sure; {len(others)} are "
-            f"unknown: {listed(others)}; say what they are in a table of names, --names (docs/markers.md)"
+            f"unknown: {listed(others)}; map them in a table of names, --names (docs/markers.md)"
         )
     return others
 
 
-def _doubled(raw: RawMarkers, known: Recognised) -> list[str]:
-    """Warn of markers with the label of another one, which is used."""
+def _duplicate_warning(raw: RawMarkers, known: Recognised) -> list[str]:
+    """Return a warning about duplicate labels, or nothing."""
     labels = [plain(name.rpartition(":")[2]) for name in raw.names]
     used = {labels[k] for k in known.columns.values()}
     unused = sorted(set(range(len(labels))) - set(known.columns.values()))
     again = [raw.names[k] for k in unused if labels[k] in used]
-    return [f"labels that stand twice: {listed(again)}; only the first marker of each is used"] if again else []
+    return [f"duplicate labels: {listed(again)}; only the first marker of each is used"] if again else []
 
 
-def _guessed(points: Collection[str], others: list[str], arms_hang: bool) -> list[str]:
-    """Warn of limbs without a joint, say what becomes of them, and name the unknown labels, which may be theirs."""
+def _guess_warning(points: Collection[str], others: list[str], arms_hang: bool) -> list[str]:
+    """Return a warning about limbs without a joint: how they are completed, and the unknown labels."""
     parts = {"arm": ("elbow", "wrist", "glove", *FINGERS), "leg": ("knee", "ankle", "foot")}
     limbs = {f"{side} {limb}": (side, parts[limb]) for limb in parts for side in ("left", "right")}
     bare = [
@@ -209,11 +209,11 @@ def _axes(
         return declared
     up = np.sign(way[axis]) * np.eye(3)[axis]
     along = np.eye(3)[(axis + 1) % 3]
-    remarks.append(f"{'+' if way[axis] > 0 else '-'}{'XYZ'[axis]} is up: there the body stands (--up says otherwise)")
+    remarks.append(f"{'+' if way[axis] > 0 else '-'}{'XYZ'[axis]} is up: the body stands along it (--up overrides)")
     return np.stack([along, up, np.cross(along, up)])
 
 
-def _settle(markers: MarkerSet, places: Places, form: MarkerFormat, remarks: list[str]) -> float:
+def _lower_to_floor(markers: MarkerSet, places: Places, form: MarkerFormat, remarks: list[str]) -> float:
     """Move the body so that the floor under its feet is y = 0, if it is elsewhere and no floor is given.
 
     Returns the previous height of the floor, m.
@@ -276,7 +276,7 @@ def _frames(markers: MarkerSet, places: Places) -> dict[str, np.ndarray]:
     return frames
 
 
-def _can(recipe: Recipe, places: Places, frames: Mapping[str, np.ndarray]) -> bool:
+def _is_applicable(recipe: Recipe, places: Places, frames: Mapping[str, np.ndarray]) -> bool:
     """Whether a recipe has its markers and its frame; a hinge needs no frame."""
     has_frame = recipe.how == "hinge" or all(name in frames for name in recipe.frames)
     return has_frame and all(name in places for name in recipe.markers)

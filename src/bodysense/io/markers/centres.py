@@ -15,14 +15,14 @@ from bodysense.io.markers.marker_sets import Recipe, SegmentFrame
 
 AXES = ("left", "up", "forward")  # of a body that faces +Z: X, Y, Z
 SHOULDER_DROP = 0.17  # of the distance between both acromia
-STRAIGHT, BENT = np.deg2rad(20.0), np.deg2rad(50.0)  # of a hinge: below, its axis is where the marker sticks out
+STRAIGHT, BENT = np.deg2rad(20.0), np.deg2rad(50.0)  # of a hinge: below STRAIGHT, the marker's direction gives its axis
 
 Places = dict[str, np.ndarray]  # (T, 3) m of every marker and point, NaN where hidden
 Axes = Sequence[np.ndarray]  # (T, 3, 3) of the segments that a recipe names, columns left, up, forward
 
 
 def axes_of(frame: SegmentFrame, places: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Axes (T, 3, 3), columns left, up, forward, of a segment as a standing body has them; NaN where hidden."""
+    """Return axes (T, 3, 3) of a segment, columns left, up, forward of a standing body; NaN if hidden."""
     if not frame.standing:
         lift = -frame.lift if frame.name.startswith("right_") else frame.lift
         standing = quaternion_to_matrix(quaternion_exp(np.deg2rad([frame.pitch, 0.0, lift])))
@@ -36,7 +36,7 @@ def axes_of(frame: SegmentFrame, places: Mapping[str, np.ndarray], frames: Mappi
 
 
 def _axes(frame: SegmentFrame, places: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Axes (..., 3, 3) from two directions between markers: the first is kept."""
+    """Return axes (..., 3, 3) from two directions between markers: the first is kept."""
     directions: list[tuple[int, np.ndarray]] = []
     for axis, start, end in frame.axes:
         way = _mean(places, end) - _mean(places, start)
@@ -54,13 +54,13 @@ def _axes(frame: SegmentFrame, places: Mapping[str, np.ndarray]) -> np.ndarray:
 
 
 def _left_of(frame: SegmentFrame, places: Mapping[str, np.ndarray], beside: np.ndarray) -> np.ndarray:
-    """m (T,) by which the marker that is worn on either side is left of the others, by the axes of another segment."""
+    """Return how far (T,) m a marker of either side is left of the others, by the axes of another segment."""
     _, start, end = next(row for row in frame.axes if row[0] == "left")
     return ((_mean(places, end) - _mean(places, start)) * beside[..., 0]).sum(axis=-1)
 
 
 def turns_of(axes: np.ndarray) -> np.ndarray:
-    """Axes (T, 3, 3) as rotations (T, 4) wxyz; NaN where hidden."""
+    """Convert axes (T, 3, 3) to rotations (T, 4) wxyz; NaN where hidden."""
     known = np.isfinite(axes).all(axis=(-2, -1))
     rotation = np.full((*axes.shape[:-2], 4), np.nan)
     rotation[known] = matrix_to_quaternion(axes[known])
@@ -70,19 +70,19 @@ def turns_of(axes: np.ndarray) -> np.ndarray:
 def centre_of(
     recipe: Recipe, places: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray], size: float
 ) -> np.ndarray:
-    """Where a point is (T, 3) m; `frames` are axes of segments, `size` is the body's as a factor of an adult's."""
+    """Return positions (T, 3) m of a point; `frames` are axes of segments, `size` is a factor of an adult's."""
     axes = [frames[name] for name in recipe.frames if name in frames]
     return CENTRES[recipe.how](recipe, [places[name] for name in recipe.markers], axes, size)
 
 
 def _mean_centre(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
-    """The mean of markers, and from there an offset."""
+    """Return the mean of markers plus an offset."""
     centre = np.mean(at, axis=0)
-    return centre if not axes else centre + _placed(axes[0], size * np.array(recipe.offset), recipe.side)
+    return centre if not axes else centre + _offset_in_world(axes[0], size * np.array(recipe.offset), recipe.side)
 
 
 def _hip(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
-    """Harrington et al. 2007: from the spines of the pelvis in front, own and other, and behind (or the sacrum)."""
+    """Return the hip centre by Harrington et al. 2007, from the front and back spines of the pelvis (or the sacrum)."""
     own, other, *behind = at
     front = (own + other) / 2
     width = _steady(np.linalg.norm(own - other, axis=-1))
@@ -92,21 +92,21 @@ def _hip(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> n
     left = axes[0][..., 0]
     ahead = front - np.mean(behind, axis=0)
     ahead = _unit(ahead - left * (ahead * left).sum(axis=-1, keepdims=True))
-    return front + _placed(np.stack([left, np.cross(ahead, left), ahead], axis=-1), offset, recipe.side)
+    return front + _offset_in_world(np.stack([left, np.cross(ahead, left), ahead], axis=-1), offset, recipe.side)
 
 
 def _shoulder(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
-    """Rab et al. 2002: below the own acromion, along the trunk."""
+    """Return the shoulder centre by Rab et al. 2002: below the acromion, along the trunk."""
     own, other = at
     drop = SHOULDER_DROP * _steady(np.linalg.norm(own - other, axis=-1))
     return own - drop * axes[0][..., 1]
 
 
 def _hinge(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float) -> np.ndarray:
-    """The centre of a knee or an elbow under the marker on its outer side, toward the axis that it bends about.
+    """Return the centre of a knee or an elbow, from the marker on its outer side along the axis of bending.
 
-    Bent, that axis is square to both bones. Straight, it is the outward one of segments beside, or without them the
-    way in which the marker sticks out.
+    If the joint is bent, that axis is perpendicular to both bones. If it is straight, the axis is the outward one of
+    the neighbouring segments, or without these the direction of the marker from the bones.
     """
     skin, above, below = at
     outward = recipe.side * (1.0 if recipe.bends == "forward" else -1.0)
@@ -130,13 +130,13 @@ CENTRES: dict[str, Callable[[Recipe, Sequence[np.ndarray], Axes, float], np.ndar
 }
 
 
-def _placed(axes: np.ndarray, offset: np.ndarray, side: float) -> np.ndarray:
-    """An offset (out, up, forward) of a side in the world."""
+def _offset_in_world(axes: np.ndarray, offset: np.ndarray, side: float) -> np.ndarray:
+    """Return an offset (out, up, forward) of a side in world axes."""
     return axes @ (offset * np.array([side, 1.0, 1.0]))
 
 
 def _steady(length: np.ndarray) -> float:
-    """The median of a length that does not change."""
+    """Return the median of a constant length."""
     known = length[np.isfinite(length)]
     return float(np.median(known)) if known.size else float("nan")
 

@@ -60,7 +60,7 @@ def read_csv(path: Path, rate: float | None = None) -> RawMarkers:
             number, _ = rows[int(np.argmin(np.isfinite(moments)))]
             raise BodysenseError(f"{path}: line {number} has no time; give seconds in every line")
     elif rate is None:
-        raise BodysenseError(f"{path}: no column of times; say how many frames a second there are with --rate")
+        raise BodysenseError(f"{path}: no column of times; give the frames per second with --rate")
     else:
         moments = np.arange(len(rows)) / rate
     steps = np.diff(moments)

@@ -1,4 +1,4 @@
-"""Marker files by their ending and content, all as `RawMarkers`; and their writers."""
+"""Readers and writers of marker files, chosen by ending and content; readers give `RawMarkers`."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def read_raw(path: str | Path, rate: float | None = None, unit: Unit | None = No
 
 
 def read_unlabelled(path: str | Path, form: MarkerFormat = MarkerFormat()) -> tuple[Observation, float]:
-    """All points of a marker file, whatever they are called, in our world, and the rate in Hz: passive markers."""
+    """Return all points of a marker file in our world, ignoring labels, and the rate in Hz."""
     raw = read_raw(path, form.rate, form.unit)
     return points_alone(raw.names, convert_world(raw.position, raw, form), raw.time), raw.frame_rate
 

@@ -1,4 +1,4 @@
-"""Marker files written again with filled gaps: every byte that is not of a filled marker stays."""
+"""Marker files with filled gaps: a copy of the file in which only filled cells change."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from bodysense.io.markers.c3d import filled_c3d
 from bodysense.io.markers.raw_markers import Cells, RawMarkers
 from bodysense.io.markers.text import MISSING, OTHER_ENCODING
 
-_SAMPLE = 50  # cells of a marker from which the digits of a number are learned
-_USUAL_DIGITS = 5  # behind the point, of a file without any number
+_SAMPLE = 50  # cells of a marker from which the number of digits is inferred
+_USUAL_DIGITS = 5  # decimals in a file without any number
 _NUMBER = re.compile(r"[-+]?\d*(?P<point>[.,]?)(?P<digits>\d*)(?P<exponent>[eE].*)?")
 
 
 def check_fillable(path: Path, out: Path, raw: RawMarkers) -> None:
-    """Raise BodysenseError where a marker file cannot be written again as `out`."""
+    """Raise BodysenseError if a marker file cannot be copied to `out`."""
     if out.suffix.lower() != path.suffix.lower():
         raise BodysenseError(
             f"{out}: markers with filled gaps are the same kind of file as {path.name}; give a name that ends in "
@@ -31,19 +31,19 @@ def check_fillable(path: Path, out: Path, raw: RawMarkers) -> None:
 
 
 def fillable(raw: RawMarkers) -> np.ndarray:
-    """(M,) bool: which points of a file are markers, whose cells can be written."""
+    """Return (M,) bool: the points of a file that are markers with writable cells."""
     if raw.cells is None:
         return np.ones(len(raw.names), dtype=bool)
     return np.asarray((raw.cells.columns >= 0).all(axis=1))
 
 
 def write_filled(path: Path, out: Path, raw: RawMarkers, position: np.ndarray, filled: np.ndarray) -> None:
-    """Write a marker file again, the same kind of file.
+    """Write a copy of a marker file with filled gaps.
 
     Args:
         path: the file that was read.
-        out: where to; it appears whole or not at all.
-        raw: what was read.
+        out: the output; it appears whole or not at all.
+        raw: the content of `path`.
         position: (T, M, 3) of all its points in the file's unit and axes.
         filled: (T, M) bool: which of them are written.
     """
@@ -57,7 +57,7 @@ def write_filled(path: Path, out: Path, raw: RawMarkers, position: np.ndarray, f
 
 
 def _filled_text(path: Path, cells: Cells, position: np.ndarray, filled: np.ndarray) -> bytes:
-    """The bytes of a text file with other numbers."""
+    """Return the bytes of a text file with other numbers."""
     mark = b"\xef\xbb\xbf" if path.read_bytes()[:3] == b"\xef\xbb\xbf" else b""
     text = read_text(path, OTHER_ENCODING)
     encoding = "utf-8" if mark + text.encode() == path.read_bytes() else OTHER_ENCODING
@@ -83,7 +83,7 @@ def _filled_text(path: Path, cells: Cells, position: np.ndarray, filled: np.ndar
 
 
 def _split(line: str, delimiter: str) -> list[str]:
-    """The cells of a line with the blanks and quotes around them; a delimiter within quotes separates nothing."""
+    """Return the cells of a line with their blanks and quotes; delimiters within quotes are text."""
     line = line.rstrip("\r\n")
     if '"' not in line:
         return line.split(delimiter)
@@ -103,7 +103,7 @@ def _replaced(cell: str, number: str, delimiter: str) -> str:
 
 
 def _form(rows: list[list[str]], columns: list[int]) -> tuple[int, str]:
-    """How many digits the numbers of a marker usually have behind the point, and the point."""
+    """Return the usual number of decimals of a marker, and the decimal point."""
     found: Counter[tuple[int, str]] = Counter()
     for row in rows:
         for column in columns:

@@ -57,7 +57,7 @@ def fill_markers(
             foreign.append(marker)
             continue
         spread = _spread(points.place, marker, known)
-        if not _is_worn(points, spread, marker, known, rate):
+        if not _is_on_body(points, spread, marker, known, rate):
             foreign.append(marker)
             continue
         for first, end in runs(~seen[:, marker]):
@@ -95,7 +95,7 @@ def _spread(place: np.ndarray, marker: int, known: np.ndarray) -> np.ndarray:
     return spread
 
 
-def _is_worn(points: _Points, spread: np.ndarray, marker: int, known: np.ndarray, rate: float) -> bool:
+def _is_on_body(points: _Points, spread: np.ndarray, marker: int, known: np.ndarray, rate: float) -> bool:
     """Whether the body carries a marker from one frame to another in which it is seen."""
     ahead = max(1, round(_AHEAD * rate))
     after = known[np.isin(known + ahead, known)]

@@ -74,7 +74,7 @@ class Recognised:
 
 @lru_cache(maxsize=1)
 def marker_sets() -> tuple[MarkerSet, ...]:
-    """The sets that come with the package."""
+    """Return the packaged sets."""
     folder = files("bodysense.io.markers.sets")
     found = sorted(entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))
     return tuple(_parsed(tomllib.loads(folder.joinpath(name).read_text(encoding="utf-8"))) for name in found)
@@ -150,7 +150,7 @@ def _joints(names: Sequence[str]) -> dict[str, int]:
 
 
 def _named(points: tuple[str, ...]) -> MarkerSet:
-    """The set of markers that are joints themselves."""
+    """Return the set of markers named as joints."""
     spans = [("hip", "knee", 0.41), ("knee", "ankle", 0.41), ("shoulder", "elbow", 0.27), ("elbow", "wrist", 0.24)]
     return MarkerSet(
         name="markers named as joints",
@@ -171,9 +171,9 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
         folder = files("bodysense.io.markers.landmarks")
         stored = tomllib.loads(folder.joinpath(f"{stored['landmarks']}.toml").read_text(encoding="utf-8")) | stored
         stored["other_labels"], named = named, stored.get("others", ())
-    labels = {plain(label): label for written in named for label in _both(written)}
+    labels = {plain(label): label for written in named for label in _both_sides(written)}
     for theirs, ours in stored.get("other_labels", {}).items():
-        for label, own in zip(_both(theirs), _both(ours), strict=True):
+        for label, own in zip(_both_sides(theirs), _both_sides(ours), strict=True):
             labels.setdefault(plain(label), own)
     frames = [
         SegmentFrame(
@@ -215,11 +215,11 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
         spans=tuple(
             (own, other, far)
             for a, b, far in stored["spans"]
-            for own, other in dict.fromkeys(zip(_both(a), _both(b), strict=True))
+            for own, other in dict.fromkeys(zip(_both_sides(a), _both_sides(b), strict=True))
         ),
-        low=tuple(label for name in stored["low"] for label in _both(name)),
-        high=tuple(label for name in stored["high"] for label in _both(name)),
-        floor=tuple((label, high) for name, high in stored["floor"] for label in _both(name)),
+        low=tuple(label for name in stored["low"] for label in _both_sides(name)),
+        high=tuple(label for name in stored["high"] for label in _both_sides(name)),
+        floor=tuple((label, high) for name, high in stored["floor"] for label in _both_sides(name)),
         bones={
             _label(name, side): _point(joint, side)
             for name, joint in stored.get("bones", {}).items()
@@ -227,11 +227,11 @@ def _parsed(stored: dict[str, Any]) -> MarkerSet:
         },
         needs=stored.get("needs", ""),
     )
-    return _of_its_labels(whole) if "landmarks" in stored else whole
+    return _without_missing_landmarks(whole) if "landmarks" in stored else whole
 
 
-def _of_its_labels(whole: MarkerSet) -> MarkerSet:
-    """Drop everything that needs landmarks which the set does not have."""
+def _without_missing_landmarks(whole: MarkerSet) -> MarkerSet:
+    """Drop recipes that need landmarks missing from the set."""
     has = set(whole.labels.values())
     frames = tuple(
         frame for frame in whole.frames if has >= {name for _, start, end in frame.axes for name in (*start, *end)}
@@ -261,7 +261,7 @@ def _sides_of(name: str) -> tuple[str, ...]:
     return tuple(_SIDES) if "*" in name else ("",)
 
 
-def _both(name: str) -> tuple[str, ...]:
+def _both_sides(name: str) -> tuple[str, ...]:
     """Return a label on both sides; twice the same label if it is in the middle."""
     return tuple(name.replace("*", own) for own, _ in _SIDES.values())
 

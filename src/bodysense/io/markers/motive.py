@@ -1,7 +1,7 @@
 """Markers, rigid bodies and bones as CSV of OptiTrack Motive, whose first line begins with 'Format Version'.
 
-Under it stand a line of kinds, one of names, of identifiers, in newer versions of parents, of what is measured, and
-'Frame, Time (Seconds), X, Y, Z …'; then a line a frame.
+Below it are lines of kinds, names, identifiers, in newer versions parents, measured quantities, and
+'Frame, Time (Seconds), X, Y, Z …'; then one line per frame.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def is_motive(head: str) -> bool:
 def read_motive(path: Path, rate: float | None = None, unit: Unit | None = None) -> RawMarkers:
     """Read a CSV file of Motive: markers, and where there are any, bones with their rotations.
 
-    Markers of a rigid body or of a bone that stand beside labelled markers of the same name are left out.
+    Markers of a rigid body or a bone are skipped if a labelled marker has the same name.
     """
     text = read_text(path, OTHER_ENCODING)
     try:
@@ -75,7 +75,7 @@ def read_motive(path: Path, rate: float | None = None, unit: Unit | None = None)
 def _columns(
     kinds: list[str], names: list[str], measured: list[str], axes: list[str]
 ) -> dict[str, dict[str, list[int]]]:
-    """Columns of the position (x, y, z), and the rotation (x, y, z, w) if there is one, of everything by its name.
+    """Return {name: columns} of the position (x, y, z), and the rotation (x, y, z, w) if there is one.
 
     Markers have an entry 'is_marker' as well.
     """

@@ -28,7 +28,7 @@ def is_nexus(head: str) -> bool:
 
 
 def read_nexus(path: Path, rate: float | None = None, unit: Unit | None = None) -> RawMarkers:
-    """Read the trajectories of a CSV file of Nexus; other sections are left out. `rate` Hz goes before the file's."""
+    """Read the trajectories of a CSV file of Nexus; other sections are left out. `rate` Hz overrides the file's."""
     text = read_text(path, OTHER_ENCODING)
     delimiter = max(",;\t", key=text[:4096].count)
     try:

@@ -37,7 +37,7 @@ class MarkerOptions:
     left_handed: bool = False
     """The axes of a marker file are left-handed, as in Unity and Unreal."""
     rate: float | None = None
-    """Frames a second of a file that does not say it."""
+    """Frames per second, for files without a rate."""
     unlabelled: Literal["left", "right", "both"] | None = None
     """The markers have no identities (passive markers); these gloves are found among them."""
 
@@ -52,9 +52,9 @@ class MarkerOptions:
             raise BodysenseError(f"{', '.join(more)}: for motions, not for marker files; leave it out")
         names = None if self.names is None else read_names(self.names)
         unit, up = cast("Unit | None", reading.unit), cast("Up | None", reading.up)
-        return MarkerFormat(names, unit, up, self.left_handed, self.rate, self.worn(), reading.floor)
+        return MarkerFormat(names, unit, up, self.left_handed, self.rate, self.glove_set(), reading.floor)
 
-    def worn(self) -> GloveSet | None:
+    def glove_set(self) -> GloveSet | None:
         """Return the gloves' marker set, if one is given."""
         if self.marker_set is None:
             return None

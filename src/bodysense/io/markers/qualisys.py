@@ -1,8 +1,8 @@
 """Markers as TSV of Qualisys Track Manager: a header of named lines, then tab-separated frames.
 
 Trajectories (MARKER_NAMES) have three columns each; rigid bodies (BODY_NAMES) sixteen: place, three angles, residual
-and nine of a matrix, of which the place is read. Frame number and time may stand in front. Of skeletons, a line names
-each segment before its X, Y, Z and QX to QW. Millimetres; +Z is usually up, but no line says so.
+and nine of a matrix, of which the place is read. Frame number and time may come first. Of skeletons, a line names
+each segment before its X, Y, Z and QX to QW. Millimetres; +Z is usually up, but the format does not declare it.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ Header = dict[str, list[str]]
 
 
 def read_tsv(path: Path, rate: float | None = None) -> RawMarkers:
-    """Read a TSV file of trajectories or rigid bodies. `rate` Hz goes before the header's."""
+    """Read a TSV file of trajectories or rigid bodies. `rate` Hz overrides the header's."""
     lines = numbered(read_text(path, OTHER_ENCODING), "\t")
     header: Header = {}
     at = 0
@@ -69,7 +69,7 @@ def read_tsv(path: Path, rate: float | None = None) -> RawMarkers:
 
 
 def _segments(path: Path, header: Header, columns: list[str], rows: Rows, rate: float | None) -> RawMarkers:
-    """A skeleton: every segment's place and rotation in the world."""
+    """Return a skeleton's segments: positions and rotations in the world."""
     if (header.get("REFERENCE") or ["GLOBAL"])[0].upper() != "GLOBAL":
         raise BodysenseError(f"{path}: its segments are given in their parents; export the skeleton with global values")
     _frames(path, header, len(rows))
@@ -98,7 +98,7 @@ def _rate(path: Path, header: Header, given: float | None) -> float:
 
 
 def _before(columns: list[str], rows: list[tuple[int, list[str]]], width: int) -> int:
-    """How many columns, frame and time, stand in front of the places."""
+    """Return the number of columns (frame and time) before the positions."""
     named = [cell.lower() for cell in columns[:2]]
     if named:
         return sum(name in ("frame", "time") for name in named)

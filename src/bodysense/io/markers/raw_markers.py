@@ -32,7 +32,7 @@ class Cells:
     delimiter: str
     lines: tuple[int, ...]  # the line of every frame in the file, from 1
     columns: np.ndarray = field(repr=False)  # (M, 3) of x, y and z; -1: not a marker (a bone, a rigid body)
-    valid: Mapping[int, int] = field(default_factory=dict)  # marker → the column of 1 and 0 that says if it is seen
+    valid: Mapping[int, int] = field(default_factory=dict)  # marker → its column of 1 (seen) and 0 (hidden)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class RawMarkers:
     # (T, M, 4) wxyz, the file's world ← the marker, of rigid bodies and bones; NaN where unknown.
     rotation: np.ndarray | None = field(default=None, repr=False)
     cells: Cells | None = field(default=None, repr=False)  # for text files of markers
-    remarks: tuple[str, ...] = ()  # what is doubtful in the file
+    remarks: tuple[str, ...] = ()  # doubts about the file
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class MarkerFormat:
     up: Up | None = None
     left_handed: bool = False  # axes as Unity's and Unreal's: the world is mirrored
     rate: float | None = None  # Hz, for files without a rate
-    worn: GloveSet | None = None  # the marker set of the gloves; None: a packaged one, found by the labels
+    glove_set: GloveSet | None = None  # the marker set of the gloves; None: a packaged one, found by the labels
     floor: float | None = None  # m, the floor's height in our world; None: inferred from the body's feet
 
     def __post_init__(self) -> None:
@@ -124,7 +124,7 @@ def read_names(path: str | Path) -> dict[str, str]:
     for theirs, ours in pairs:
         if standard_marker(ours) is None and ours not in default_skeleton().points:
             raise BodysenseError(
-                f"{path}: {ours!r} (for {theirs!r}) is no marker; say a joint, such as 'left_elbow', or "
+                f"{path}: {ours!r} (for {theirs!r}) is no marker; give a joint, such as 'left_elbow', or "
                 f"'<hand>_glove_<marker>' with the hand 'left' or 'right' and one of {', '.join(MARKERS)}"
             )
     for column in zip(*pairs, strict=True):
@@ -152,14 +152,14 @@ def observed_markers(raw: RawMarkers, form: MarkerFormat, place: str) -> tuple[O
         remarks.append(f"left out {listed(others)}: no markers of a glove by name")
     points = tuple(name for name in ours if name is not None)
     for hand in dict.fromkeys(point.partition("_glove_")[0] for point in points):
-        missing = [name for name in (form.worn or standard_set()).names if f"{hand}_glove_{name}" not in points]
+        missing = [name for name in (form.glove_set or standard_set()).names if f"{hand}_glove_{name}" not in points]
         if missing:
             remarks.append(f"the {hand} glove lacks {listed(missing)}")
     return points_alone(points, convert_world(raw.position[:, here], raw, form), raw.time), remarks
 
 
 def points_alone(names: tuple[str, ...], position: np.ndarray, time: np.ndarray) -> Observation:
-    """An observation of positions (T, P, 3) m, world, without rotations; NaN where hidden."""
+    """Return an observation of positions (T, P, 3) m, world, without rotations; NaN where hidden."""
     seen = np.asarray(np.isfinite(position).all(axis=-1))
     return Observation(
         points=names,
@@ -199,7 +199,7 @@ def _our_names(raw: RawMarkers, form: MarkerFormat, place: str) -> list[str | No
     known = [name for name in ours if name is not None]
     if not known:
         raise BodysenseError(
-            f"{place}: no marker of a glove among {listed(raw.names)}; say where they sit with --marker-set, or give "
+            f"{place}: no marker of a glove among {listed(raw.names)}; give their positions with --marker-set, or "
             "a table of names with --names (docs/gloves.md)"
         )
     twice = [name for name in known if known.count(name) > 1]
@@ -215,19 +215,19 @@ def _named(names: Sequence[str], form: MarkerFormat) -> list[str | None]:
     """Return our name of every marker, or None: by the given table, by its own name, or by its label in a set."""
     table = form.names or {}
     known: dict[str, str] = {}
-    if not table or form.worn is not None:
-        for one in packaged_sets().values() if form.worn is None else (form.worn,):
+    if not table or form.glove_set is not None:
+        for one in packaged_sets().values() if form.glove_set is None else (form.glove_set,):
             known = one.points(names) | known
-    return [_our_name(name, table, form.worn) or known.get(name) for name in names]
+    return [_our_name(name, table, form.glove_set) or known.get(name) for name in names]
 
 
-def _our_name(name: str, table: Mapping[str, str], worn: GloveSet | None) -> str | None:
+def _our_name(name: str, table: Mapping[str, str], glove_set: GloveSet | None) -> str | None:
     """Return our name of a marker by the table or by its own name, ignoring a 'Subject:' prefix; or None."""
     bare = name.rpartition(":")[2].strip()
     for candidate in (name, bare):
         if candidate in table:
             return table[candidate] if glove_marker(table[candidate]) else None
-    names = MARKERS if worn is None else worn.names
+    names = MARKERS if glove_set is None else glove_set.names
     for candidate in (name,) if table else (bare, bare.lower()):
         found = glove_marker(candidate)
         if found and found[1] in names:

@@ -55,8 +55,8 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     if gloves is None:
         return body
     # The body determines unit, axes and floor better than the gloves.
-    worn = found.world.to_ours(gloves.world.to_file(gloves.observation.position))
-    both = joined_points(found.observation, replace(gloves.observation, position=worn))
+    position = found.world.to_ours(gloves.world.to_file(gloves.observation.position))
+    both = joined_points(found.observation, replace(gloves.observation, position=position))
     remarks = (*found.remarks, *(remark for remark in gloves.remarks if not remark.startswith("left out")))
     return replace(body, observation=both, sizes=gloves.sizes, remarks=remarks)
 

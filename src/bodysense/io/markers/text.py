@@ -13,7 +13,7 @@ from bodysense.io.markers.raw_markers import METRES, Cells, RawMarkers, Unit
 
 MISSING = {"", "nan", "null", "none", "-", "n/a", "#n/a", "-nan(ind)", "1.#qnan", "1.#ind", "-1.#ind"}
 OTHER_ENCODING = "latin-1"  # of files whose labels are not UTF-8; it has a letter for every byte
-NEVER = 9_999_999  # in the file's unit: Cortex and Optotrak write this place of a marker that they do not see
+NEVER = 9_999_999  # in the file's unit: Cortex and Optotrak write it for hidden markers
 UNITS: dict[str, Unit] = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
     **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetres"), "cm"),
@@ -101,7 +101,7 @@ def rate_of(path: Path, text: str, name: str, given: float | None = None) -> flo
     except ValueError:
         rate = 0.0
     if not 0 < rate < float("inf"):
-        raise BodysenseError(f"{path}: {name} is {text[:20]!r}; it must be a positive rate in Hz: say it with --rate")
+        raise BodysenseError(f"{path}: {name} is {text[:20]!r}; it must be a positive rate in Hz: give it with --rate")
     return rate
 
 

@@ -26,8 +26,7 @@ _TRC_NEEDED, _TRC_HEADER = ("datarate", "units"), 5  # values; lines of the head
 
 
 def read_trc(path: Path, rate: float | None = None, unit: Unit | None = None) -> RawMarkers:
-    """Read a TRC file; its unit and rate are in its header, its up axis is not. `rate` Hz and
-    `unit` go before the header's.
+    """Read a TRC file. `rate` Hz and `unit` override the header's; the format has no up axis.
 
     Cells are separated by tabs, semicolons or commas; the header may have another separator than the frames. Raises
     BodysenseError naming the line and the fix.
@@ -92,7 +91,7 @@ def _separator(line: str) -> str:
 
 
 def _check_named(path: Path, number: int, names: list[str], rows: Rows, announced: str) -> None:
-    """Refuse names that are not those of the columns. The columns decide if NumMarkers says otherwise."""
+    """Refuse names that are not those of the columns. If NumMarkers differs, the columns decide."""
     widths = {len(row) - 2 - (3 * len(names) < len(row) - 2 and row[-1] == "") for _, row in rows}
     if announced and whole(path, announced, "NumMarkers") != len(names) and widths != {3 * len(names)}:
         raise BodysenseError(

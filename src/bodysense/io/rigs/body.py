@@ -1,6 +1,6 @@
-"""Body: the joints of a tree that are ours. Names tell legs and arms; pelvis, spine, neck and head follow from these.
+"""Body: the joints of a tree that match ours. Names give legs and arms; pelvis, spine, neck and head follow from these.
 
-If names do not tell them, `io.rigs.structure` finds legs and arms, for which the rest is the same. Lengths are medians
+If names do not give them, `io.rigs.structure` finds legs and arms; the rest is the same. Lengths are medians
 over frames, so neither the rest pose nor a stretching bone matters.
 """
 
@@ -135,7 +135,7 @@ class Limbs:
 
     @cached_property
     def head(self) -> Head | None:
-        """The joints over the shoulders; None without such joints."""
+        """Joints over the shoulders, or None."""
         return _head_of(self)
 
     def over_hips(self, point: int) -> float:
@@ -144,7 +144,7 @@ class Limbs:
 
 
 def named_body(tree: Tree) -> Body | None:
-    """Return the body in a tree whose names tell legs and arms; None if they do not, or if it is not a person's."""
+    """Return the body in a tree whose names give legs and arms; None if they do not, or if it is not a person's."""
     points = named_points(tree)
     leg, arm = (named_limb(tree, points, kind) for kind in ROLES)
     if leg is None or arm is None:
@@ -162,7 +162,7 @@ def named_points(tree: Tree) -> dict[str, int]:
 
 
 def named_limb(tree: Tree, points: Mapping[str, int], kind: Kind) -> Limb | None:
-    """Return the legs or arms that names tell ({ours: point}); None if one is missing or the tree contradicts."""
+    """Return the legs or arms that names give ({ours: point}); None if one is missing or the tree contradicts."""
     names = [[f"{side}_{role}" for role in ROLES[kind]] for side in ("left", "right")]
     if not {name for side in names for name in side} <= points.keys():
         return None
@@ -176,12 +176,12 @@ def named_limb(tree: Tree, points: Mapping[str, int], kind: Kind) -> Limb | None
     bones = np.array([[tree.distance(side[k], side[k + 1]) for k in (0, 1)] for side in joints])
     if not bones.all() or (np.abs(bones[0] - bones[1]) > 2 * ALIKE * bones.max(axis=0)).any():
         return None
-    one, other = ((*way[: way.index(hub)][::-1], *_onward(tree, way[0])) for way in above)
+    one, other = ((*way[: way.index(hub)][::-1], *_longest_chain(tree, way[0])) for way in above)
     upper, lower = bones.mean(axis=0)
     return Limb(tree, hub, (one, other), (joints[0], joints[1]), (float(upper), float(lower)), side=1)
 
 
-def _onward(tree: Tree, point: int) -> list[int]:
+def _longest_chain(tree: Tree, point: int) -> list[int]:
     """Return the longest chain below a point; helpers and ends count as shorter."""
     chain: list[int] = []
     while below := tree.figure.children[chain[-1] if chain else point]:
@@ -282,14 +282,14 @@ def _foot_of(leg: Limb, which: int, zero: float) -> dict[str, int]:
 
 
 def _fingers_of(tree: Tree, side: str, wrist: int, named: Mapping[str, int]) -> dict[str, int]:
-    """Return joints and tips of a side's fingers: by name if names tell every joint of a finger below the wrist."""
+    """Return joints and tips of a side's fingers: by name if every finger joint below the wrist has a known name."""
     figure = tree.figure
     below = figure.under(wrist)[1:]
     own = {name: k for name, k in named.items() if name.startswith(side) and is_finger(name.removesuffix("_tip"))}
-    told = {name: k for name, k in own.items() if k in below}
-    said = {k for k in below if k < len(figure.joints) and tree.means(k, "finger", *FINGERS)}
-    if told and said <= set(told.values()):
-        return {name: k for name, k in told.items() if not name.endswith("_tip") or tree.length[k] > 0}
+    found = {name: k for name, k in own.items() if k in below}
+    finger_joints = {k for k in below if k < len(figure.joints) and tree.means(k, "finger", *FINGERS)}
+    if found and finger_joints <= set(found.values()):
+        return {name: k for name, k in found.items() if not name.endswith("_tip") or tree.length[k] > 0}
     if not any(tree.reach[k] > 0 for k in figure.children[wrist]):
         return {}
     from bodysense.io.rigs.structure import fingers_of

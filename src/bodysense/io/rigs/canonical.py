@@ -44,7 +44,7 @@ from bodysense.io.rigs.rest_pose import (
 
 _SPINE = ("spine1", "spine2")
 _HANGING = {"left": np.deg2rad(-75.0), "right": np.deg2rad(75.0)}  # about +Z: arms from a T-pose
-SITTING = 0.75  # of the height at which a pelvis stands: where it is lower, legs that are not there sit
+SITTING = 0.75  # of a standing pelvis's height; below it, missing legs are posed as sitting
 _SEATED = quaternion_exp(np.array([np.deg2rad(-85.0), 0.0, 0.0]))  # thighs, from standing
 _RIGID = 1e-6  # m: a bone that keeps its place in its parent's frame to this is rigid
 
@@ -90,9 +90,9 @@ def canonical(
             bones = quaternion_rotate(quaternion_conjugate(world[parent]), places[name] - places[parent])
             bone[name] = np.median(bones, axis=0)
     found = world.keys()
-    skeleton = complete_skeleton(_between_filled(ours, bone, parents))
-    world = _aimed(world, places, bone, parents)
-    world |= _still(world, places["pelvis"], skeleton)
+    skeleton = complete_skeleton(_shared_offsets(ours, bone, parents))
+    world = _aim_at_children(world, places, bone, parents)
+    world |= _missing_limbs(world, places["pelvis"], skeleton)
     for joint, name in enumerate(ours.joints):
         if name not in world:  # missing joints go with their parent
             world[name] = world[ours.joints[ours.parents[joint]]]
@@ -109,7 +109,7 @@ def _turned(
     stance = standing_rest(clip, match)
     if must_stand and stance.torso > UPRIGHT:
         raise BodysenseError(
-            f"{clip.name}: its rest pose is none that a body stands in, and in no frame is its torso upright (at "
+            f"{clip.name}: its rest pose does not stand, and in no frame is its torso upright (at "
             f"best {np.rad2deg(stance.torso):.0f}° from it); leave it out"
         )
     standing = rest_pose(clip.pose.skeleton) if stance.rest is None else _facing_forward(stance.rest, match)
@@ -131,8 +131,8 @@ def _turned(
     return turned(align), bone
 
 
-def _still(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
-    """World rotations of limbs that a half of a body lacks: legs stand, or sit under a low pelvis, and arms hang."""
+def _missing_limbs(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
+    """Return world rotations of missing limbs: legs stand, or sit under a low pelvis, and arms hang."""
     if "left_hip" not in world:
         across = quaternion_rotate(world["pelvis"], np.array([1.0, 0.0, 0.0]))
         heading = np.zeros_like(across)
@@ -151,8 +151,8 @@ def _still(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
     return {}
 
 
-def _aimed(world: Vectors, place: Vectors, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
-    """World rotations where joints with one child are turned toward it, if skipped joints moved it (see above)."""
+def _aim_at_children(world: Vectors, place: Vectors, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
+    """Return world rotations with joints turned toward their only child, if skipped joints moved it (see above)."""
     world, reached = dict(world), {"pelvis": place["pelvis"]}
     for name, parent in parents.items():
         start = reached[parent] if parent in _SPINE else place[parent]
@@ -166,10 +166,10 @@ def _aimed(world: Vectors, place: Vectors, bone: Vectors, parents: Mapping[str, 
 
 
 def complete_skeleton(offset: Mapping[str, np.ndarray], root_offset: np.ndarray | None = None) -> Skeleton:
-    """The default skeleton with some offsets (3,) of its points, by name, replaced and the others scaled to fit.
+    """Return the default skeleton with some offsets (3,) replaced, by name of the point, and the others scaled to fit.
 
-    A hand is scaled by the given length from wrist to knuckle (`left_middle1`), if there is one, everything else by
-    the summed length of what is given. `root_offset` is where the pelvis rests; None: feet on the ground.
+    A hand is scaled by the given length from wrist to knuckle (`left_middle1`), if there is one; all else by the sum of
+    the given lengths. `root_offset` is the pelvis at rest; None: feet on the ground.
     """
     ours = default_skeleton()
     points = dict(zip(ours.points, ours.rest_offset, strict=True))
@@ -194,7 +194,7 @@ def complete_skeleton(offset: Mapping[str, np.ndarray], root_offset: np.ndarray 
 
 
 def _match_points(source: Skeleton, joints: Mapping[str, str], lacking: Collection[str]) -> dict[str, int]:
-    """Index in `source` of each of our points: matched joints, and the end sites that hang on them."""
+    """Return the index in `source` of each of our points: matched joints and their end sites."""
     ours = default_skeleton()
     match = {name: source.index(given) for given, name in joints.items()}
     for site in ours.end_sites:
@@ -207,7 +207,7 @@ def _match_points(source: Skeleton, joints: Mapping[str, str], lacking: Collecti
 
 
 def _matched_parents(ours: Skeleton, match: Mapping[str, int]) -> dict[str, str]:
-    """For each matched point but the root, the nearest matched joint above it in our tree."""
+    """Return the nearest matched ancestor in our tree of each matched point but the root."""
     parents = {}
     for name in match:
         above = ours.parents[ours.index(name)]
@@ -219,7 +219,7 @@ def _matched_parents(ours: Skeleton, match: Mapping[str, int]) -> dict[str, str]
 
 
 def _facing_forward(pose: Pose, match: Mapping[str, int]) -> Pose:
-    """One pose, turned about +Y so that its left hip (shoulder, where it has no hips) is toward +X of its right."""
+    """Turn one pose about +Y so that its left hip (or shoulder) is toward +X of its right."""
     across = across_of(by_name(forward_kinematics(pose)[0], match))
     angle = np.arctan2(across[2], across[0])
     rotation = pose.rotation.copy()
@@ -227,8 +227,8 @@ def _facing_forward(pose: Pose, match: Mapping[str, int]) -> Pose:
     return Pose(pose.skeleton, pose.root_position, rotation)
 
 
-def _between_filled(ours: Skeleton, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
-    """Vectors from our own parents: a bone over joints the source lacks is shared out among them.
+def _shared_offsets(ours: Skeleton, bone: Vectors, parents: Mapping[str, str]) -> Vectors:
+    """Return offsets from our parents: a bone over joints that the source lacks is divided among them.
 
     The default's chain over those joints is turned and scaled so that it spans the source's bone.
     """

@@ -23,12 +23,12 @@ class Figure:
     """One tree of a file. Points are the joints, then the end sites; parents come before their children."""
 
     name: str  # of the file, for messages
-    joints: tuple[str, ...]  # in the file's words, made unique
+    joints: tuple[str, ...]  # the file's names, made unique
     end_sites: tuple[str, ...]
     parents: tuple[int, ...]  # one per point; -1 for the root
     offset: np.ndarray = field(repr=False)  # (P, 3) file units, from the parent, all rotations zero
     rotation: np.ndarray = field(repr=False)  # (T, J, 4) parent ← joint
-    position: dict[int, np.ndarray] = field(repr=False)  # (T, 3) file units, in the parent: of joints that say it
+    position: dict[int, np.ndarray] = field(repr=False)  # (T, 3) file units, of joints with channels
     frame_rate: float  # Hz
     nodes: tuple[int, ...] = field(repr=False)  # which node of the file each point is
 
@@ -42,7 +42,7 @@ class Figure:
 
     @cached_property
     def children(self) -> list[list[int]]:
-        """Points that hang on each point."""
+        """Children of each point."""
         found: list[list[int]] = [[] for _ in self.parents]
         for point, parent in enumerate(self.parents):
             if parent >= 0:
@@ -51,7 +51,7 @@ class Figure:
 
     @cached_property
     def bone(self) -> np.ndarray:
-        """(P, 3) place of each point in its parent at rest, file units: the median of a place that varies."""
+        """(P, 3) offset of each point from its parent at rest, file units: the median of a varying one."""
         bone = self.offset.copy()
         for joint, place in self.position.items():
             if joint:
@@ -60,29 +60,29 @@ class Figure:
 
     @cached_property
     def turns(self) -> bool:
-        """Whether any joint turns; else a motion is in the places of its joints alone."""
+        """Whether any joint turns; otherwise the motion is in positions alone."""
         return bool(np.any(self.rotation[..., 1:]))
 
     def above(self, point: int) -> list[int]:
-        """A point, its parent … up to the root."""
+        """Return a point and its ancestors up to the root."""
         chain = [point]
         while self.parents[chain[-1]] >= 0:
             chain.append(self.parents[chain[-1]])
         return chain
 
     def under(self, top: int) -> list[int]:
-        """A point and all that hang on it, parents first."""
+        """Return a point and its descendants, parents first."""
         found = [top]
         for point in found:
             found += self.children[point]
         return sorted(found)
 
     def below(self, root: int) -> Figure:
-        """The tree below a joint, which becomes the root and keeps its place in the file's world."""
+        """Return the tree below a joint, which becomes the root and keeps its world position."""
         return self.only(self.under(root))
 
     def only(self, keep: list[int]) -> Figure:
-        """Some points: the first is above all others, and with a point all points between them are kept."""
+        """Return the figure of some points: the first is above all others, and points between them are included."""
         place, turn = self.world([keep[0]])
         index = {point: new for new, point in enumerate(keep)}
         joints = [point for point in keep if point < len(self.joints)]
@@ -103,7 +103,7 @@ class Figure:
         )
 
     def with_joints(self, names: list[str]) -> Figure:
-        """The figure with some end sites as joints that do not turn: a hand or foot that is an end site."""
+        """Return the figure with some end sites (a hand or foot) as joints that do not turn."""
         count = len(self.joints)
         turned = [point for point in range(count, len(self.parents)) if self.points[point] in names]
         order = [*range(count), *turned, *(p for p in range(count, len(self.parents)) if p not in turned)]
@@ -121,7 +121,7 @@ class Figure:
         )
 
     def world(self, points: list[int] | None = None) -> tuple[np.ndarray, np.ndarray]:
-        """World places (T, P, 3), file units, and rotations (T, P, 4) of some points, or of all.
+        """Return world positions (T, P, 3), file units, and rotations (T, P, 4) of some points, or of all.
 
         An end site has its joint's rotation.
         """
@@ -203,19 +203,19 @@ def measured(figure: Figure) -> Tree:
     return Tree(figure, replace(figure, rotation=figure.rotation[frames], position=position).world()[0])
 
 
-def placed(position: dict[int, np.ndarray], offset: np.ndarray) -> dict[int, np.ndarray]:
-    """Place in the parent of each joint that has position channels: instead of its offset, or added to it.
+def positions_in_parent(position: dict[int, np.ndarray], offset: np.ndarray) -> dict[int, np.ndarray]:
+    """Return positions (T, 3) in the parent of each joint that has position channels.
 
-    MotionBuilder and Blender have them replace it; some programs write what is to be added, which is small or zero. A
-    joint whose channels are all zero goes with most of the others.
+    In files of MotionBuilder and Blender these replace the joint's offset; some programs write small values to be added
+    to it. A joint whose channels are all zero is treated as most of the others are.
     """
     small = {
         joint
         for joint, place in position.items()
         if joint > 0 and np.linalg.norm(place, axis=1).max() < 0.2 * np.linalg.norm(offset[joint])
     }
-    telling = [joint for joint in position if joint > 0 and (np.any(position[joint]) or not np.any(offset[joint]))]
-    if 2 * sum(joint not in small for joint in telling) > len(position) - 1:
+    nonzero = [joint for joint in position if joint > 0 and (np.any(position[joint]) or not np.any(offset[joint]))]
+    if 2 * sum(joint not in small for joint in nonzero) > len(position) - 1:
         small = {joint for joint in small if np.any(position[joint])}
     return {
         joint: place + offset[joint] if joint in small else place

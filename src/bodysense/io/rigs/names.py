@@ -1,7 +1,7 @@
 """Names of joints: the words in them (`names.toml`), and which of our joints a list of names means.
 
-Trees of joints take words as evidence beside their structure. Lists without a tree, such as markers named after joints,
-have nothing else.
+In a tree of joints, words add to the evidence of its structure. In a list without a tree, such as markers named after
+joints, they are the only evidence.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from typing import TypeVar
 from bodysense.body.hand import FINGERS
 
 _TABLE = tomllib.loads(files("bodysense.io.rigs").joinpath("names.toml").read_text(encoding="utf-8"))
-PARTS = {word: tuple(means.split(" or ")) for means, said in _TABLE["parts"].items() for word in said}
+PARTS = {word: tuple(means.split(" or ")) for means, spellings in _TABLE["parts"].items() for word in spellings}
 """Word → the parts of a body that it may mean."""
 _RANK = {word: rank for rank, word in enumerate(PARTS)}
-_PHALANGES = {word: joint for joint, said in enumerate(_TABLE["phalanges"]) for word in said}
+_PHALANGES = {word: joint for joint, spellings in enumerate(_TABLE["phalanges"]) for word in spellings}
 _ORDINALS = _TABLE["ordinals"]
 _HELPERS, _ENDS, _ANIMALS, _LEFT, _RIGHT, _SILENT = (
     frozenset(_TABLE[kind]) for kind in ("helpers", "ends", "animals", "left", "right", "silent")
@@ -77,14 +77,14 @@ def words(name: str) -> tuple[str, ...]:
     given = [word.lower() for word in _SPLIT.findall(name.replace("_", " "))]
     result: list[str] = []
     while given:
-        joined = ((n, _parted("".join(given[:n]))) for n in (3, 2, 1) if n <= len(given))
+        joined = ((n, _split_word("".join(given[:n]))) for n in (3, 2, 1) if n <= len(given))
         count, found = next((pair for pair in joined if pair[1]), (1, given[:1]))
         result += found
         given = given[count:]
     return tuple(result)
 
 
-def _parted(word: str) -> list[str]:
+def _split_word(word: str) -> list[str]:
     """Split a word into known words, or return [] if impossible: 'lhip' is l, hip; 'handthumb' hand, thumb."""
     if not word or len(word) > 2 * _LONGEST:
         return []
@@ -93,7 +93,7 @@ def _parted(word: str) -> list[str]:
         if head in _KNOWN and (cut > 1 or len(tail) > 1 or not word.isascii()):
             if not tail:
                 return [head]
-            if rest := _parted(tail):
+            if rest := _split_word(tail):
                 return [head, *rest]
     return []
 
@@ -118,9 +118,9 @@ def every_part(name: str) -> set[str]:
 
 def part_word(name: str) -> str:
     """Return the word of a name that means a part: a finger's, or else the longest, of two the last; or ''."""
-    said = [word for word in words(name) if word in PARTS]
-    fingers = [word for word in said if PARTS[word][0] in FINGERS] or [word for word in said if word == "finger"]
-    return fingers[-1] if fingers else max(reversed(said), key=len, default="")
+    known = [word for word in words(name) if word in PARTS]
+    fingers = [word for word in known if PARTS[word][0] in FINGERS] or [word for word in known if word == "finger"]
+    return fingers[-1] if fingers else max(reversed(known), key=len, default="")
 
 
 @lru_cache(maxsize=4096)
@@ -234,7 +234,7 @@ def spread(spine: Sequence[_Joint]) -> dict[str, _Joint]:
 
 def _finger_of(name: _Name, names: Sequence[_Name]) -> tuple[str, int] | None:
     """Return the finger and joint (4: the tip) that a name means."""
-    said = [_PHALANGES[word] for word in name.after if word in _PHALANGES]
+    phalanges = [_PHALANGES[word] for word in name.after if word in _PHALANGES]
     numbers = [word for word in name.after if word.isdigit()]
     part = PARTS.get(name.word, ("",))[0]
     if part == "finger" and numbers:  # Finger0, Finger01, Finger0Nub; Finger01, Finger11; Finger1Proximal
@@ -246,11 +246,11 @@ def _finger_of(name: _Name, names: Sequence[_Name]) -> tuple[str, int] | None:
         joint = next((int(number) + is_bare for number in numbers if number), 1 if is_bare else -1)
     elif part in FINGERS:
         which, joint = FINGERS.index(part), name.number
-    elif ordinals := [word for word in name.after if word in _ORDINALS and said]:
+    elif ordinals := [word for word in name.after if word in _ORDINALS and phalanges]:
         which, joint = _ORDINALS.index(ordinals[0]), -1
     else:
         return None
-    joint = _TIP if name.is_end else said[0] if said else joint
+    joint = _TIP if name.is_end else phalanges[0] if phalanges else joint
     return (FINGERS[which], joint) if name.side and 0 <= which < len(FINGERS) else None
 
 
@@ -272,12 +272,12 @@ def _fingers(names: dict[_Name, tuple[str, int]]) -> dict[str, str]:
 
 def _read(names: Sequence[str]) -> list[_Name]:
     """Parse the names that mean a part of a body and nothing else."""
-    said = {name: words(name) for name in dict.fromkeys(names) if not is_helper(name)}
-    before = {name: tuple(takewhile(lambda word: word not in _KNOWN, own)) for name, own in said.items()}
+    split = {name: words(name) for name in dict.fromkeys(names) if not is_helper(name)}
+    before = {name: tuple(takewhile(lambda word: word not in _KNOWN, own)) for name, own in split.items()}
     often = Counter(word for start in before.values() for word in set(start))
-    silent = {word for word, count in often.items() if 2 * count > len(said)} | _SILENT
+    silent = {word for word, count in often.items() if 2 * count > len(split)} | _SILENT
     result = []
-    for given, own in said.items():
+    for given, own in split.items():
         rest = own[len(before[given]) :]
         unknown = {word for word in before[given] if word not in silent}
         unknown |= {word for word in rest if word not in _KNOWN and word not in _SILENT}

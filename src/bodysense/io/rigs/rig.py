@@ -1,7 +1,7 @@
 """Rig: the recognised joints of a figure, and the transform between its world and ours.
 
 Joints are those of a joint map, if one is given: JSON, {name in the file: ours}, '' for joints that are omitted. Unit,
-upward axis and floor are inferred from gravity and a person's size, unless options say them.
+upward axis and floor are inferred from gravity and a person's size, unless options give them.
 """
 
 from __future__ import annotations
@@ -145,10 +145,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         else:
             points, penalty, remarks = _mapped(options.joints, figure.points), 0.0, ("joints as given",)
     except BodysenseError as error:
-        way_on = (
-            "; if it is a body, say which joint is which: "
-            f"bodysense data joints {figure.name} -o joints.json, and --joints"
-        )
+        way_on = f"; if it is a body, name its joints: bodysense data joints {figure.name} -o joints.json, and --joints"
         raise BodysenseError(f"{figure.name}: {error}{'' if options.joints else way_on}") from None
     place = {name: tree.place[:, point] for name, point in points.items()}
     family, size = family_of(figure.points), _stature(place)
@@ -161,7 +158,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
     up, upright = _find_up(place, size) if options.up is None else (options.up, 1.0)
     if upright < _NEVER_UPRIGHT:
         raise BodysenseError(
-            f"{figure.name}: it never stands upright, so that no upward axis was found; say which, as --up y or --up z"
+            f"{figure.name}: it never stands upright, so that no upward axis was found; give it, as --up y or --up z"
         )
     sole = _find_floor(place, size, up) * unit
     lift = -options.floor if options.floor is not None else 0.0 if abs(sole) <= _FLOOR_TOLERANCE else -sole

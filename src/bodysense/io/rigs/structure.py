@@ -1,8 +1,8 @@
-"""Structure: the body in a tree whose names do not tell its limbs, by tree shape, symmetry, lengths and directions.
+"""Structure: the body in a tree without useful names, found by tree shape, symmetry, lengths and directions.
 
 A limb is a pair of chains that mirror each other, whose lengths and bends are those of a leg or an arm. Names count as
-evidence, and half a body is one by names alone. Without names feet and knees tell left from right, and positions tell
-one finger from another.
+evidence, and half a body is one by names alone. Without names, feet and knees give left and right, and positions
+identify fingers.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def searched_body(tree: Tree) -> Body:
     """Return the body in a tree. Raises BodysenseError if there is no body."""
     points, pairs = named_points(tree), _mirrored_pairs(tree)
     named: dict[Kind, Limb] = {kind: limb for kind in ROLES if (limb := named_limb(tree, points, kind))}
-    if len(named) < len(ROLES):  # otherwise names told a body that is not a person's
+    if len(named) < len(ROLES):  # otherwise names gave a body that is not a person's
         legs, arms = ([named[kind]] if kind in named else _candidates(tree, pairs, kind) for kind in ROLES)
         if found := _best(legs, arms, pairs):
             limbs, penalty = found
@@ -213,18 +213,18 @@ def _limb_of_chains(tree: Tree, hub: int, chains: Pair, kind: Kind) -> Limb | No
 
 def _is_shifted(tree: Tree, joints: tuple[int, ...], kind: Kind) -> bool:
     """Whether names mean that a joint is missing: a forearm is taken for a wrist, or an upper arm for an elbow."""
-    said = [set[str]() if tree.is_aside(k) else every_part(tree.name(k)) for k in joints]
+    meanings = [set[str]() if tree.is_aside(k) else every_part(tree.name(k)) for k in joints]
     one, two, three = ROLES[kind]
-    is_third = three not in said[2] and bool(said[2] & {one, two})
-    return is_third or (said[1] == {one} and bool(said[0] - {one}))
+    is_third = three not in meanings[2] and bool(meanings[2] & {one, two})
+    return is_third or (meanings[1] == {one} and bool(meanings[0] - {one}))
 
 
 def _is_named_otherwise(limbs: Limbs) -> bool:
     """Whether the names of all joints of a leg mean something else, or joints of a limb are a wing's or a paw's."""
     name = limbs.tree.name
-    said = [(role, parts(name(k))) for role, k in zip(ROLES["leg"], limbs.leg.joints[0], strict=True)]
+    meanings = [(role, parts(name(k))) for role, k in zip(ROLES["leg"], limbs.leg.joints[0], strict=True)]
     animal = any(is_animal(name(k)) for limb in (limbs.leg, limbs.arm) for joints in limb.joints for k in joints)
-    return animal or all(meant and role not in meant for role, meant in said)
+    return animal or all(meant and role not in meant for role, meant in meanings)
 
 
 def _is_crab(limbs: Limbs, pairs: list[tuple[int, Pair]]) -> bool:
@@ -265,7 +265,7 @@ def left_of(limbs: Limbs) -> tuple[int, int, tuple[str, ...]]:
     if named and abs(seen) > 1 and (named > 0) != (seen > 0):
         remarks = ("left and right are as its names say, though its feet point backward",)
     elif not named and abs(seen) < _GUESS:
-        remarks = ("which side is left is a guess: no name, foot or knee tells",)
+        remarks = ("which side is left is a guess: no name, foot or knee decides",)
     left_leg = int(named < 0 if named else seen <= 0)
     return left_leg, 1 - left_leg if crossed else left_leg, remarks
 
@@ -295,7 +295,7 @@ def fingers_of(tree: Tree, wrist: int) -> dict[str, int]:
     """
     count = len(tree.figure.joints)
     found: dict[str, int] = {}
-    for finger, chain in _which(tree, wrist, _finger_chains(tree, wrist)).items():
+    for finger, chain in _chain_of_each_finger(tree, wrist, _finger_chains(tree, wrist)).items():
         joints = [k for k in chain if k < count]
         joints = joints[_begins_in_palm(tree, wrist, finger, chain, joints) :][:3]
         if len(joints) < 2:
@@ -324,13 +324,13 @@ def _finger_chains(tree: Tree, wrist: int) -> list[list[int]]:
     return [chain for chain in chains if sum(k < len(figure.joints) for k in chain) >= 2][:_MOST]
 
 
-def _which(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
+def _chain_of_each_finger(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
     """Return the chain of each finger."""
     named: dict[str, list[int]] = {}
     for chain in chains:
-        said = [part for k in chain for part in parts(tree.name(k)) if part in FINGERS]
-        if said and said.count(said[0]) > 1:
-            named.setdefault(said[0], chain)
+        fingers = [part for k in chain for part in parts(tree.name(k)) if part in FINGERS]
+        if fingers and fingers.count(fingers[0]) > 1:
+            named.setdefault(fingers[0], chain)
     if named:
         return named
     numbered = [chain for chain in chains if any(tree.means(k, "finger") for k in chain)]
@@ -360,7 +360,7 @@ def _begins_in_palm(tree: Tree, wrist: int, finger: str, chain: list[int], joint
         return True
     if finger == "thumb" or len(joints) < 3:
         return False
-    said = words(tree.name(joints[0]))
-    if "carpal" in "".join(said) or "mc" in said:
+    label = words(tree.name(joints[0]))
+    if "carpal" in "".join(label) or "mc" in label:
         return True
     return len(chain) > 3 and bool(tree.distance(wrist, joints[0]) < _METACARPAL * tree.length[joints[1]])

@@ -29,7 +29,7 @@ from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigged import Rigged, read_rigged
-from bodysense.io.rigs.figure import placed
+from bodysense.io.rigs.figure import positions_in_parent
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,4 +220,4 @@ def _offset(file: BvhFile, joint: int) -> np.ndarray:
     """Return the position (T, 3) of a joint in its parent, file units."""
     still = np.tile(file.offset[joint], (len(file.lines), 1))
     given = {joint: file.place(joint)} if file.columns_of(joint, "position") else {}
-    return placed(given, file.offset).get(joint, still)
+    return positions_in_parent(given, file.offset).get(joint, still)

@@ -12,7 +12,7 @@ from bodysense_conform.quantities.shape import LIMBS
 from bodysense_conform.series import Series, angle, dot, need, norm
 from bodysense_conform.subject import SIDES, UP, Subject, is_finger
 
-_TURNED = np.radians(20.0)  # bones whose parent turns less tell nothing about axes
+_TURNED = np.radians(20.0)  # bones whose parent turns less give no evidence of axes
 Reading = Callable[[np.ndarray], np.ndarray]
 
 
@@ -81,7 +81,7 @@ def rest_angle(subject: Subject, joint: str) -> Series:
 
 
 def spreads(subject: Subject, reading: Reading = np.asarray) -> list[float]:
-    """Return how far each child wanders in its parent's frame, as a share of the bone, of parents that turn."""
+    """Return the spread of each child in the frame of its turning parent, as a share of the bone."""
     found = []
     for parent, child in subject.bones:
         bone = subject.line(parent, child)

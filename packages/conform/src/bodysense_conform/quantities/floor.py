@@ -9,7 +9,7 @@ from bodysense_conform.subject import SIDES, Subject
 
 _FLAT = np.array([1.0, 0.0, 1.0])
 _GLIDE, _SPARE = 1.0, 0.25  # s of a glide, and before and after it in which the foot stays down, too
-_LIFTED, _STANDS = 0.015, 0.03  # m that a gliding sole rises, and that the body moves meanwhile
+_LIFTED, _STANDS = 0.015, 0.03  # m; largest rise of a gliding sole, and motion of the body meanwhile
 
 _WALKS, _RUNS = 0.4, 2.0  # m/s; a pelvis between these walks
 _IDLE, _STEP = 0.06, 0.35  # m/s; a slower head stands still; a faster foot steps
@@ -17,7 +17,7 @@ _LEGS = tuple(f"{side}_{part}" for side in SIDES for part in ("ankle", "knee", "
 
 
 def glide(subject: Subject, side: str) -> Series:
-    """Way of a foot along the floor within a second, cm, if it is not lifted and the body stands."""
+    """Distance that a foot slides on the floor within a second, cm, if it is not lifted and the body stands."""
     need(subject.has("pelvis", "head") and subject.feet, "no feet, no pelvis or no head")
     frames, spare = subject.frames(_GLIDE), subject.frames(_SPARE)
     need(len(subject) > frames + 2 * spare, "shorter than two seconds")
@@ -43,24 +43,24 @@ def hovers(subject: Subject) -> Series:
 
 
 def skate(subject: Subject) -> Series:
-    """Way of the slower foot along the body's, as a share of it, where the body walks: 0 firm, 1 gliding."""
+    """Speed of the slower foot along the body's path, as a share of the walking body's: 0 firm, 1 gliding."""
     need(subject.has("pelvis", *_LEGS), "no pelvis or no legs")
     half = subject.frames(0.5)
     pelvis = subject.at("pelvis")
     way = change(pelvis) * _FLAT
-    moved = norm(way)
-    ahead = way / np.maximum(moved, 1e-9)[:, None]
+    distance = norm(way)
+    ahead = way / np.maximum(distance, 1e-9)[:, None]
     feet = np.stack([change(subject.at(f"{side}_ankle")) * _FLAT for side in SIDES])
     slower = np.nan_to_num(norm(feet), nan=np.inf).argmin(axis=0)
     along = (feet[slower, np.arange(len(way))] * ahead).sum(axis=-1)
-    speed = moved / subject.interval
+    speed = distance / subject.interval
     far = (later(pelvis, half) - later(pelvis, -half)) * _FLAT  # over a whole second, too
     goes = norm(far) > _WALKS * 2 * half * subject.interval
     counted = goes & (speed > _WALKS) & (speed < _RUNS) & (subject.lower_sole - subject.ground < 0.2)
     left, right = ((subject.line(f"{side}_hip", f"{side}_knee") * ahead).sum(-1)[counted] for side in SIDES)
     walks = counted.sum() * subject.interval >= 2 and np.corrcoef(left, right)[0, 1] < -0.3
     need(walks, "the body walks for less than two seconds")
-    return np.clip(along, 0, moved)[counted].sum() / moved[counted].sum()
+    return np.clip(along, 0, distance)[counted].sum() / distance[counted].sum()
 
 
 def idle_steps(subject: Subject) -> Series:

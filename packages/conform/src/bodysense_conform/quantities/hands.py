@@ -1,4 +1,4 @@
-"""Hands: sizes, sides and order of the fingers, and gestures. Hands that never come are not judged."""
+"""Hands: sizes, sides and order of the fingers, and gestures. Missing hands are not judged."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _CURLED = 0.9  # straightness of fingers that are curled
 
 
 def hands(subject: Subject) -> list[str]:
-    """Return the wrists of the hands that come with all their joints."""
+    """Return the wrists of the hands that have all their joints."""
     found = [f"{side}_wrist" for side in SIDES if subject.has(f"{side}_wrist", *_joints(side))]
     return need(found, "no hand comes with all its fingers")
 
@@ -26,12 +26,12 @@ def fingertips(subject: Subject) -> list[str]:
 
 
 def fingers(subject: Subject) -> list[str]:
-    """Return the points of fingers that come at all."""
+    """Return the known points of fingers."""
     return [name for name in subject.points if is_finger(name) and subject.has(name)]
 
 
 def missing_joints(subject: Subject) -> Series:
-    """Whether a joint of a hand never comes although others of it do."""
+    """Whether a joint of a hand is missing although others are present."""
     sides = [side for side in SIDES if any(subject.has(name) for name in _joints(side))]
     return {name: not subject.has(name) for side in need(sides, "no finger comes") for name in _joints(side)}
 
@@ -50,7 +50,7 @@ def order_wrong(subject: Subject, side: str) -> np.ndarray:
 
 
 def curl(subject: Subject, side: str) -> np.ndarray:
-    """Way of curled fingers' ends to the palm times its area, m³: negative on the back of the hand."""
+    """Distance of curled fingertips from the palm, times its area, m³: negative on the back of the hand."""
     along = subject.line(f"{side}_wrist", f"{side}_middle1")
     palm = np.cross(along, _knuckles(subject, side)) * (-1 if side == "right" else 1)
     ends = np.mean([subject.line(f"{side}_{finger}1", f"{side}_{finger}3") for finger in _FINGERS], axis=0)
@@ -105,7 +105,7 @@ def _joints(side: str) -> list[str]:
 
 
 def _chain(subject: Subject, side: str, finger: str) -> list[str]:
-    """Joints of a finger, with its tip if it comes."""
+    """Return the joints of a finger, with its tip if it is known."""
     names = [f"{side}_{finger}{k}" for k in ("1", "2", "3", "_tip")]
     return names if subject.has(names[-1]) else names[:-1]
 

@@ -1,4 +1,4 @@
-"""Joints: angles beyond a person's range, by places where places tell them."""
+"""Joints: angles beyond a person's range, from positions if possible."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def in_parent(subject: Subject, joint: str) -> np.ndarray:
 
 
 def knee_bend(subject: Subject, hip: str, knee: str, ankle: str) -> Series:
-    """Bend of a knee by the places of hip, knee and ankle, degrees: positive if the knee is in front of the leg."""
+    """Bend of a knee from the positions of hip, knee and ankle, degrees: positive if the knee is ahead of the leg."""
     thigh, leg = subject.line(hip, knee), normalize(subject.line(hip, ankle))
     ahead = np.cross(subject.line("left_hip", "right_hip"), leg)
     return np.where(dot(thigh, ahead) < 0, -1, 1) * angle(thigh, subject.line(knee, ankle))

@@ -15,7 +15,7 @@ _KICK = 0.6  # weight of ankles in spikes: kicks are fast, and takes by markers 
 _MOVING = 0.15  # m/s; a body whose points move slower on average is too slow for stutter to be judged
 _STEADY = 0.75  # of the mean of both neighbours' steps: shorter mean steps turn, and predict nothing
 _STALLED, _REPEATS = 0.02, 1e-6  # m/s of the faster joints in a stall, and in one that repeats a frame
-_ABRUPT = 0.15  # m/s of the faster joints in the frames beside a stall
+_ABRUPT = 0.15  # m/s of the faster joints in the frames around a stall
 _BASE = 0.25  # s over which slowness is measured, so that noise is no speed
 _SLOWEST = 1 / 15  # s between frames; over longer intervals third differences contain motion
 _THIRD = 6.88  # median length of the third difference of white noise of size 1 in each of three directions
@@ -31,7 +31,7 @@ def spike(subject: Subject, joint: str) -> Series:
     place = subject.line("pelvis", joint)
     before, after = later(place, -1), later(place, 1)
     middle = (4 * (before + after) - later(place, -2) - later(place, 2)) / 6
-    # A fast limb curves in the frames beside a spike, too; a spike of one frame leaves the path between them short.
+    # A fast limb curves in the frames around a spike, too; a spike of one frame leaves the path between them short.
     beside = norm(after - before) / 2
     return coarse * (_KICK if joint.endswith("_ankle") else 1) * (norm(place - middle) - beside)
 
@@ -81,10 +81,10 @@ def drift(subject: Subject) -> Series:
     need(len(subject) > frames and len(names) >= 4, "shorter than two seconds")
     place = subject.places[:, subject.columns(names)]
     seconds = change(subject.time, frames)[:, None]
-    moved = change(place, frames)
+    movement = change(place, frames)
     half = later(place, frames // 2 - frames) - later(place, -frames)  # a stride may repeat after two seconds
-    own = [norm(way - np.nanmedian(way, axis=1, keepdims=True)) / seconds for way in (moved, half)]
-    least = np.fmin.reduce(norm(moved) / seconds, axis=1)
+    own = [norm(way - np.nanmedian(way, axis=1, keepdims=True)) / seconds for way in (movement, half)]
+    least = np.fmin.reduce(norm(movement) / seconds, axis=1)
     keeps = (np.fmax.reduce(np.maximum(*own), axis=1) < _POSE) & (least < _TRAVEL)
     return np.where(keeps, 100 * least, np.nan)
 
@@ -112,9 +112,9 @@ def noise(subject: Subject, values: np.ndarray, slow: float) -> np.ndarray:
 def teleport(subject: Subject) -> Series:
     """Distance of the pelvis from where its speed would have taken it, m."""
     need(subject.has("pelvis") and len(subject) >= 3, "no pelvis, or fewer than three frames")
-    step, moved = change(subject.time)[:, None], change(subject.at("pelvis"))
-    expected = later(moved / np.where(step > 0, step, np.nan), -1) * step
-    return np.minimum(norm(moved - expected), norm(moved))  # a sudden start is ahead of its old speed
+    step, movement = change(subject.time)[:, None], change(subject.at("pelvis"))
+    expected = later(movement / np.where(step > 0, step, np.nan), -1) * step
+    return np.minimum(norm(movement - expected), norm(movement))  # a sudden start is ahead of its old speed
 
 
 def travel(subject: Subject) -> Series:
@@ -126,18 +126,18 @@ def travel(subject: Subject) -> Series:
 
 def fastest(subject: Subject) -> Series:
     """Speed of the fastest joint in a script that asks for motion, m/s."""
-    _check_motion_asked(subject)
+    _check_motion_expected(subject)
     return np.nan_to_num(subject.speed(_joints(subject))).max(axis=1)
 
 
 def sway(subject: Subject) -> Series:
     """Distance of the head from its usual place in a script that asks for motion, mm."""
-    _check_motion_asked(subject)
+    _check_motion_expected(subject)
     head = subject.at("head")
     return 1000 * norm(head - np.nanmedian(head, axis=0))
 
 
-def _check_motion_asked(subject: Subject) -> None:
+def _check_motion_expected(subject: Subject) -> None:
     need({step.label for step in subject.steps} - {"stand", "sit"}, "no script that asks for motion")
 
 

@@ -1,6 +1,6 @@
-"""Poses: angles and heights that the steps of a script ask for.
+"""Poses: angles and heights that the steps of a script require.
 
-The head is what every tracker knows best. If it is not where the pose puts it, the performer did something else.
+Trackers measure the head best. If it is not where the pose puts it, the performer did something else.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from bodysense_conform.series import Series, angle, need
 from bodysense_conform.subject import SIDES, UP, Subject
 
 _LEGS = [[f"{side}_{part}" for part in ("hip", "knee", "ankle")] for side in SIDES]
-_BOW = 0.5  # of the trunk's length: way of the head down if the trunk bends forward by 60°
+_BOW = 0.5  # of the trunk's length: drop of the head if the trunk bends forward by 60°
 _BEAT = 4.0  # s; a longer time between two lifts is a pause
 _DEEP = 0.9  # of the deepest position of the head: frames of a squat that are judged
 RAISED = 25  # degrees of a raised thigh from straight down
 
 
 def line_of(subject: Subject, start: str, end: str) -> np.ndarray:
-    """Return vectors (T, 3) between two points of a body whose trunk and other side come, too."""
+    """Return vectors (T, 3) between two points; the trunk and the points of the other side must be known, too."""
     _check(subject, start, end)
     return subject.line(start, end)
 
@@ -44,7 +44,7 @@ def lift_interval(subject: Subject) -> Series:
 
 
 def head_drop(subject: Subject) -> np.ndarray:
-    """Way of the head down from where it is when the body stands, % of that height."""
+    """Drop of the head from its standing height, % of that height."""
     _check(subject)
     labels, head = ("stand", "t_pose", "a_pose"), subject.at("head")[:, 1] - subject.ground
     if subject.labelled(*labels):
@@ -55,7 +55,7 @@ def head_drop(subject: Subject) -> np.ndarray:
 
 
 def knees_lack(subject: Subject) -> Series:
-    """Bend that the knees lack for the way of the head down, in the deepest frames of a squat, degrees."""
+    """Missing bend of the knees for the drop of the head, in the deepest frames of a squat, degrees."""
     bends = [bend(subject, *leg) for leg in _LEGS]
     down = head_drop(subject)
     standing = np.nanmedian(subject.at("head")[:, 1] - subject.ground) / (1 - np.nanmedian(down) / 100)
@@ -73,7 +73,7 @@ def knees_differ(subject: Subject) -> Series:
 
 
 def place(subject: Subject, *names: str) -> Series:
-    """Place of joints on the floor, cm, a column each way."""
+    """Position of joints on the floor, cm, one column per axis."""
     need(subject.has(*names), f"no {' or '.join(names)}")
     return {f"{name} {way}": 100 * subject.at(name)[:, k] for name in names for way, k in (("x", 0), ("z", 2))}
 

@@ -32,13 +32,13 @@ def intervals_away(subject: Subject) -> np.ndarray:
 
 
 def absent(subject: Subject) -> Series:
-    """Share of frames that the times miss, %, outside of steps that take the device off."""
+    """Share of missing frames by their times, %, outside of steps that take the device off."""
     missing = np.nansum(np.maximum(np.round(intervals_away(subject)[1:]) - 1, 0))
     return 100 * missing / max(missing + len(subject), 1)
 
 
 def clock_drift(subject: Subject) -> Series:
-    """Speed at which the device's clock leaves the sample clock, parts per million."""
+    """Drift of the device's clock from the sample clock, parts per million."""
     device = need(subject.transport.device_time, "no clock of the device over 5 s")
     need(subject.seconds >= 5, "no clock of the device over 5 s")
     return 1e6 * abs(np.polyfit(subject.time - subject.time[0], device - device[0], 1)[0] - 1)

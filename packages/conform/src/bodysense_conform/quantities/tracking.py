@@ -30,7 +30,7 @@ def wait(subject: Subject) -> Series:
 
 
 def unsettled(subject: Subject) -> Series:
-    """Time since the device's return in frames in which a joint still jumps by 10 cm, s."""
+    """Time since the device's return, s, in frames in which a joint still jumps by 10 cm."""
     returns = _returns(subject)
     jump = np.nan_to_num(_beyond(subject.places[:, subject.columns(subject.body)])).max(axis=1, initial=0)
     jump *= min(1.0, (1 / 30 / subject.interval) ** 2)  # curvature grows with the interval
@@ -54,7 +54,7 @@ def _beyond(places: np.ndarray) -> np.ndarray:
 
 
 def _returns(subject: Subject) -> list[int]:
-    """Frames in which the device is back after it was away."""
+    """Return the frames in which the device is back after an absence."""
     present = np.flatnonzero(subject.valid.any(axis=1))
     away = np.flatnonzero(np.diff(subject.time[present]) >= max(_OFF, 6 * subject.interval))
     return need(present[away + 1].tolist(), f"the device is never away for {_OFF:g} s")

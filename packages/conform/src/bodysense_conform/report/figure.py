@@ -43,7 +43,7 @@ def _line(kind: str, start: tuple[float, float], end: tuple[float, float]) -> st
 
 
 def _heading(subject: Subject, frame: int) -> float:
-    """Heading of the hips, radians about +Y; 0 if they do not come."""
+    """Heading of the hips, radians about +Y; 0 if they are unknown."""
     if not subject.has("left_hip", "right_hip"):
         return 0.0
     across = subject.line("right_hip", "left_hip")[frame]

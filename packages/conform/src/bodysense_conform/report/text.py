@@ -39,7 +39,7 @@ def sentence(finding: Finding) -> str:
 
 
 def shortened(ids: Sequence[str]) -> list[str]:
-    """Return ids of checks, a group whose checks are all among them by its own name."""
+    """Return ids of checks; a group that is complete is replaced by its name."""
     found: list[str] = []
     for group, members in groupby(ids, lambda name: name.partition(".")[0]):
         mine = list(members)
@@ -49,7 +49,7 @@ def shortened(ids: Sequence[str]) -> list[str]:
 
 
 def versions(checks: CheckTable) -> dict[str, str]:
-    """Return versions of the package, of the table of checks and of what it ran on."""
+    """Return versions of the package, the table of checks and the platform."""
     return {
         "bodysense": __version__,
         "checks": checks.sha256,
@@ -59,7 +59,7 @@ def versions(checks: CheckTable) -> dict[str, str]:
 
 
 def record(verdict: Verdict) -> dict[str, Any]:
-    """Return the verdict as JSON has it: finite numbers, or null with the reason."""
+    """Return the verdict for JSON: finite numbers, or null with the reason."""
     subject = verdict.subject
     return {
         "format": FORMAT,

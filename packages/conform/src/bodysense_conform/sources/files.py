@@ -55,7 +55,7 @@ def folder_subjects(folder: Path, splits: Collection[str]) -> Iterator[tuple[str
 
 
 def clip_subject(clip: Clip, form: str) -> Subject:
-    """Return a clip in canonical form as a subject; fingers that it does not have are left out."""
+    """Return a clip in canonical form as a subject; missing fingers are left out."""
     return pose_subject(clip.name, form, clip.pose, clip.time, fingers=clip.has_fingers)
 
 

@@ -48,7 +48,7 @@ def read_mcap(path: Path) -> Subject:
         )
     time = main["times"]["sample"] / 1e9
     parts = [_part(kind, found, time) for kind, found in rows.items()]
-    names = [name for part in parts for name in part[0]]  # of a wrist that comes twice the body's counts
+    names = [name for part in parts for name in part[0]]  # of duplicate wrists, the body's is used
     position, rotation, valid = (np.concatenate([part[k] for part in parts], axis=1) for k in (1, 2, 3))
     rotated = np.array([not name.endswith("_tip") for name in names])
     messages = sum(len(topics[kind]) for kind in rows)
@@ -74,7 +74,7 @@ def _messages(path: Path) -> dict[str, list[Any]]:
 
     found: dict[str, list[Any]] = {}
     try:
-        data = path.read_bytes()  # no more can be read than there is, whatever a length in the file is
+        data = path.read_bytes()  # a wrong length in the file cannot read beyond its end
         _check_chunks(path, data)
         for schema, channel, message in make_reader(BytesIO(data)).iter_messages(log_time_order=False):
             kind = _kind(channel.topic, "" if schema is None else schema.name)
@@ -110,7 +110,7 @@ def _kind(topic: str, schema: str) -> str | None:
 
 
 def _rows(kind: str, messages: list[Any]) -> np.ndarray:
-    """Return what the readable ones of M messages hold (≤ M,): all joints are invalid if nothing is tracked."""
+    """Return the content of readable messages (≤ M,); all joints are invalid in messages without tracking."""
     layout, count = (BODY_LAYOUT, len(BODY_JOINTS)) if kind == "body" else (HAND_LAYOUT, len(HAND_JOINTS))
     read = ((message, read_record(message.data, layout, count)) for message in messages)
     rows = [(*found, message.log_time, message.sequence) for message, found in read if found is not None]
@@ -141,7 +141,7 @@ def read_record(data: bytes, layout: np.dtype, count: int) -> tuple[np.ndarray, 
 
 
 def _part(kind: str, rows: np.ndarray, time: np.ndarray) -> tuple[Sequence[str], np.ndarray, np.ndarray, np.ndarray]:
-    """Names, places, turns and validity of one topic at the times of the take."""
+    """Return names, positions, rotations and validity of one topic at the times of the take."""
     names, near = BODY_JOINTS, np.array(True)
     if kind != "body":
         names = [f"{kind}_{name}" for name in HAND_JOINTS]

@@ -23,7 +23,7 @@ Packet = tuple[float, bytes]  # s of its arrival, and its bytes
 
 
 def record_vmc(source: str, seconds: float) -> Subject:
-    """Listen on `vmc:PORT` or `vmc:ADDRESS:PORT` for some seconds. Raises BodysenseError if no body comes."""
+    """Listen on `vmc:PORT` or `vmc:ADDRESS:PORT` for some seconds. Raises BodysenseError if no body arrives."""
     host, _, port = source.removeprefix("vmc:").removeprefix("//").rpartition(":")
     if not port.isdecimal() or not 0 < int(port) < 65536:
         raise BodysenseError(f"{source}: no port of UDP; give vmc:39539, or vmc:ADDRESS:PORT")
@@ -47,7 +47,7 @@ def record_vmc(source: str, seconds: float) -> Subject:
 
 
 def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
-    """Return packets as a subject; a frame ends when a bone comes again. Raises BodysenseError if there is no body."""
+    """Return packets as a subject; a frame ends when a bone repeats. Raises BodysenseError if there is no body."""
     frames: list[dict[str, np.ndarray]] = []
     times: list[float] = []
     current: dict[str, np.ndarray] = {}
@@ -73,7 +73,7 @@ def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
             f"{name}: {len(packets)} packets with {len(frames)} frames of bones; send VMC's bones to it"
         )
     there = np.array([[joint in frame for joint in names] for frame in frames])
-    position, rotation = _placed(frames, names)
+    position, rotation = _world_poses(frames, names)
     time, rotated = np.array(times[: len(frames)]), np.ones(len(names), dtype=bool)
     subject = points_subject(name, "VMC", names, time, position, rotation, rotated, there)
     return replace(subject, transport=Transport(messages=len(packets), malformed=malformed))
@@ -99,8 +99,8 @@ def _bone(message: Message) -> tuple[str, np.ndarray] | None:
     return None if joint is None else (joint, np.array(numbers, dtype=float))
 
 
-def _placed(frames: list[dict[str, np.ndarray]], names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return frames of bones, local to their parents, as places (T, P, 3) and turns (T, P, 4) in the world."""
+def _world_poses(frames: list[dict[str, np.ndarray]], names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Convert frames of bones, local to their parents, to world positions (T, P, 3) and rotations (T, P, 4)."""
     unknown, still = np.full(7, np.nan), np.array([0, 0, 0, 0, 0, 0, 1.0])
     table = np.array([[frame.get("root", still), *(frame.get(joint, unknown) for joint in names)] for frame in frames])
     moves, turns = unity_position(table[..., :3]), from_unity_rotation(table[..., 3:])

@@ -33,7 +33,7 @@ def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
     messages: list[str | bytes] = []
 
     def connection(**more: str) -> ClientConnection:
-        """Return a connection to the server that has said hello."""
+        """Return a connection to the server, after its handshake."""
         link = connect(url, subprotocols=[Subprotocol(SUBPROTOCOL)], max_size=_LARGEST, open_timeout=_WAIT)
         link.send(json.dumps({"type": "hello", "version": VERSION, **more}))
         return link

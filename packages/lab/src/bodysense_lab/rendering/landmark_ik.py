@@ -55,7 +55,7 @@ class LandmarkIk:
 
     def solve(self, person: PersonLandmarks, state: IkState | None) -> tuple[Pose, IkState]:
         """Solve the pose of one frame with a detected body, starting from the previous frame's state."""
-        fitted = self._points.lay(person)
+        fitted = self._points.fit(person)
         target, weight = fitted.position.copy(), np.zeros(len(self.skeleton.points))
         weight[self.skeleton.indices(_TRUNK)] = 1.0
         limbs = self.skeleton.indices(_LAID)

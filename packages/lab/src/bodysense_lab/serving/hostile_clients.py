@@ -183,7 +183,9 @@ def message_of(rng: np.random.Generator, k: int) -> str | bytes:
     if choice < 0.993:
         return rng.bytes(int(rng.integers(0, 300)))
     if choice < 0.996:
-        text = write_message(Hello(1, _POINTS)) if rng.random() < 0.5 else write_message(UpdateSettings({"height": 1.8}))
+        text = (
+            write_message(Hello(1, _POINTS)) if rng.random() < 0.5 else write_message(UpdateSettings({"height": 1.8}))
+        )
         return corrupted(text.encode(), rng).decode(errors="replace")
     return "".join(rng.choice(_TEXT_PIECES, int(rng.integers(1, 12))))
 

@@ -1,4 +1,4 @@
-"""glTF and VRM animation: read again by a few lines of our own and by scipy, every joint stands where it stood."""
+"""Written glTF and VRM animations, read by an independent reader: every joint keeps its position."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bodysense.body.skin import fit_skin, place_skin
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.vrma import write_vrma
-from bodysense.io.gltf.written import skin_mesh, write_glb
+from bodysense.io.gltf.writer import skin_mesh, write_glb
 from bodysense.io.motion_files import ENDINGS, check_ending, write_motion
 
 TYPES = {5126: "<f4", 5121: "u1", 5125: "<u4"}
@@ -109,7 +109,7 @@ def check_places(file: File, clip: Clip, names: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize("height", [1.7, 1.4])
-def test_a_glb_file_has_every_point_where_it_was(roaming: Clip, tmp_path: Path, height: float) -> None:
+def test_a_glb_file_keeps_every_point(roaming: Clip, tmp_path: Path, height: float) -> None:
     skeleton = roaming.pose.skeleton.scaled(height)
     clip = replace(roaming, pose=Pose(skeleton, roaming.pose.root_position, roaming.pose.rotation))
     write_glb(tmp_path / "a.glb", clip)
@@ -134,10 +134,10 @@ def test_the_skin_moves_with_its_joints(roaming: Clip, tmp_path: Path) -> None:
     found = file.places(roaming.time[frame])
     world = np.array([found[file.document["nodes"][node]["name"]] for node in skin["joints"]])
     matrix = (world @ bind)[joint[:, 0]]
-    placed = np.einsum("vij,vj->vi", matrix, np.c_[position, np.ones(len(position))])[:, :3]
+    skinned = np.einsum("vij,vj->vi", matrix, np.c_[position, np.ones(len(position))])[:, :3]
     skin = fit_skin(roaming.pose.skeleton)
     balls = np.repeat(skin.link.ravel(), len(position) // skin.link.size)
-    distance = np.linalg.norm(placed - place_skin(skin, roaming.pose[frame])[balls], axis=1)
+    distance = np.linalg.norm(skinned - place_skin(skin, roaming.pose[frame])[balls], axis=1)
     np.testing.assert_allclose(distance, skin.radius[balls], atol=1e-5)
 
 
@@ -182,16 +182,16 @@ def test_one_frame_is_a_motion(waving_clip: Clip, tmp_path: Path) -> None:
     check_places(read(tmp_path / "one.glb"), replace(clip, pose=clip.pose[[0] * 18]), {"head": "head"})
 
 
-def test_what_cannot_be_written_is_refused_and_leaves_no_file(waving_clip: Clip, tmp_path: Path) -> None:
+def test_invalid_motions_are_refused_and_leave_no_file(waving_clip: Clip, tmp_path: Path) -> None:
     pose = waving_clip.pose
-    holed = replace(waving_clip, pose=Pose(pose.skeleton, np.full((90, 3), np.nan), pose.rotation))
+    with_gaps = replace(waving_clip, pose=Pose(pose.skeleton, np.full((90, 3), np.nan), pose.rotation))
     stump = Skeleton(("pelvis", "head"), (), (-1, 0), np.array([[0.0, 1, 0], [0, 0.6, 0]]))
     other = Clip("other", Pose(stump, pose.root_position, pose.rotation[:, :2]), 30.0)
     floating = pose.skeleton.with_offsets(np.r_[[[0.0, 0.0, 0.0]], pose.skeleton.rest_offset[1:]])
     for ending in (".glb", ".vrma"):
         path = tmp_path / f"a{ending}"
         with pytest.raises(BodysenseError, match=r"one motion of finite numbers .* got \(90, 52, 4\), not all finite"):
-            write_motion(path, holed)
+            write_motion(path, with_gaps)
         with pytest.raises(BodysenseError, match=r"got \(52, 4\)"):
             write_motion(path, replace(waving_clip, pose=pose[0]))
         with pytest.raises(BodysenseError, match="at 0 Hz"):

@@ -1,4 +1,4 @@
-"""Words of the table of checks: what its expressions are made of, for a subject and a column."""
+"""Expressions of the table of checks, evaluated for a subject and a column."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _WORDS = {
 def columns(check: Check, subject: Subject) -> Mapping[str, np.ndarray | float]:
     """Return the quantity of a check by column: joint, bone or side; '' is the whole body.
 
-    Columns of points that never come are left out. Raises NotEnough if this leaves none.
+    Columns of missing points are left out. Raises NotEnough if no column remains.
     """
     names: Iterable[str | tuple[str, str]] = check.of if isinstance(check.of, tuple) else _value(check.of, subject)
     found: dict[str, Any] = {}
@@ -47,13 +47,13 @@ def columns(check: Check, subject: Subject) -> Mapping[str, np.ndarray | float]:
 
 def _value(expression: str, subject: Subject, column: str = "") -> Any:
     """Return the value of an expression of the table, which is code of this package, not input."""
-    return eval(expression, {"__builtins__": {}}, _Words(subject, column))
+    return eval(expression, {"__builtins__": {}}, _Namespace(subject, column))
 
 
-class _Words(dict[str, Any]):
-    """Words for one column: of the column 'left_knee', `it` is this name, `side` 'left', and `hip` 'left_hip'.
+class _Namespace(dict[str, Any]):
+    """Names for one column: for the column 'left_knee', `it` is this name, `side` is 'left', and `hip` is 'left_hip'.
 
-    The column of a bone, 'left_hip, left_knee', has `other`, too. All other words are looked up when they are needed.
+    The column of a bone, 'left_hip, left_knee', has `other`, too. All other names are looked up when they are needed.
     """
 
     def __init__(self, subject: Subject, column: str) -> None:
