@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.unoc.episodes import EpisodeBatch
+from bodysense_lab.unoc.body_sequences import BodyBatch
 from bodysense_lab.unoc.losses import LossWeights, body_loss
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction
 
@@ -26,7 +26,7 @@ def network() -> BodyNetwork:
     return BodyNetwork(BodyNetworkConfig(hidden=4, branch=(4,)), SKELETON)
 
 
-def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[BodyPrediction, EpisodeBatch]:
+def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[BodyPrediction, BodyBatch]:
     generator = torch.Generator().manual_seed(seed)
 
     def random(*shape: int) -> torch.Tensor:
@@ -40,14 +40,14 @@ def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[BodyPrediction,
     )
     visible = random(batch, frames, POINTS) > 0
     nothing, every = torch.zeros(batch, frames, 0), torch.ones(batch, frames, dtype=torch.bool)
-    return answer, EpisodeBatch(nothing, nothing, offset, visible, every, every[:, 0], every[:, 0])
+    return answer, BodyBatch(nothing, nothing, offset, visible, every, every[:, 0], every[:, 0])
 
 
 def length(vector: np.ndarray) -> float:
     return float(np.linalg.norm(vector))
 
 
-def by_hand(answer: BodyPrediction, truth: EpisodeBatch) -> dict[str, float]:
+def by_hand(answer: BodyPrediction, truth: BodyBatch) -> dict[str, float]:
     """Point by point, with the numbers of reproduce.md 1.7 written out."""
     terms = dict.fromkeys(("position", "parent", "bone", "occlusion", "expected"), 0.0)
     count = 0

@@ -17,7 +17,6 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import WARM_UP, PointRunner, Task, load_point_model
 from bodysense_lab.unoc.export import write_point_network
-from bodysense_lab.unoc.point_episodes import tracked_of
 from bodysense_lab.unoc.point_network import (
     FINGERS,
     PAPER_FINGERS,
@@ -28,6 +27,7 @@ from bodysense_lab.unoc.point_network import (
     TrackedPoints,
     bones,
 )
+from bodysense_lab.unoc.point_sequences import tracked_of
 
 SKELETON = default_skeleton()
 FORMS: dict[str, tuple[Task, PointNetworkConfig]] = {

@@ -17,7 +17,7 @@ from bodysense_lab.unoc import train
 from bodysense_lab.unoc.learned import Learned, load_model
 from bodysense_lab.unoc.network import PAPER
 from bodysense_lab.unoc.options import BodyTraining
-from bodysense_lab.unoc.train import train_body, variation_of
+from bodysense_lab.unoc.train import augmentation_of, train_body
 
 
 @pytest.fixture
@@ -75,7 +75,11 @@ def test_a_run_writes_a_network_that_tracks(
     assert load_model(tmp_path / "net.onnx").card == model.card
 
 
-def test_variations_of_the_passes() -> None:
-    assert [variation_of(k, shipped=True).mirrored for k in range(4)] == [False, True, False, True]
-    assert variation_of(0, shipped=True).limb_spread == 0.0 < variation_of(1, shipped=True).limb_spread
-    assert variation_of(2, shipped=False).limb_spread == variation_of(2, shipped=False).hand_dropouts_per_minute == 0.0
+def test_augmentations_of_the_passes() -> None:
+    assert [augmentation_of(k, shipped=True).mirrored for k in range(4)] == [False, True, False, True]
+    assert augmentation_of(0, shipped=True).limb_spread == 0.0 < augmentation_of(1, shipped=True).limb_spread
+    assert (
+        augmentation_of(2, shipped=False).limb_spread
+        == augmentation_of(2, shipped=False).hand_dropouts_per_minute
+        == 0.0
+    )

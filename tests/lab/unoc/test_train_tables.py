@@ -14,10 +14,10 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.unoc import train_tables as tables
 from bodysense_lab.unoc import variants
-from bodysense_lab.unoc.episodes import Episode
+from bodysense_lab.unoc.body_sequences import BodySequence
 from bodysense_lab.unoc.network import PAPER, BodyNetworkConfig, read_weights
 from bodysense_lab.unoc.options import TablesTraining
-from bodysense_lab.unoc.train_tables import cached_episodes, chosen_networks, schedule_of, train_tables
+from bodysense_lab.unoc.train_tables import cached_sequences, chosen_networks, schedule_of, train_tables
 from bodysense_lab.unoc.variants import TABLES, VARIANTS, Variant
 
 SMALL = replace(PAPER, hidden=4, branch=(4,), judge_branch=(4,), window=9)
@@ -97,26 +97,26 @@ def test_names_that_do_not_exist_are_refused(tmp_path: Path) -> None:
     ]
 
 
-def test_episodes_come_back_from_disk(few_episodes: list[Episode], tmp_path: Path) -> None:
-    made = cached_episodes(tmp_path / "a", {"data": "x"}, lambda: iter(few_episodes))
-    again = cached_episodes(tmp_path / "a", {"data": "x"}, lambda: iter([]))
-    for episodes in (made, again):
-        for ours, theirs in zip(episodes, few_episodes, strict=True):
+def test_cached_sequences_are_read_from_disk(few_sequences: list[BodySequence], tmp_path: Path) -> None:
+    made = cached_sequences(tmp_path / "a", {"data": "x"}, lambda: iter(few_sequences))
+    again = cached_sequences(tmp_path / "a", {"data": "x"}, lambda: iter([]))
+    for sequences in (made, again):
+        for ours, theirs in zip(sequences, few_sequences, strict=True):
             assert ours.fingers == theirs.fingers
             for name in ("features", "known", "offset", "visible"):
                 np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
     with pytest.raises(BodysenseError, match=r"made from something else \(data differ\)"):
-        cached_episodes(tmp_path / "a", {"data": "y"}, lambda: iter(few_episodes))
+        cached_sequences(tmp_path / "a", {"data": "y"}, lambda: iter(few_sequences))
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
-def test_episodes_that_cannot_be_made_leave_nothing(tmp_path: Path, few_episodes: list[Episode]) -> None:
+def test_failed_caching_leaves_no_files(tmp_path: Path, few_sequences: list[BodySequence]) -> None:
     def failing():
-        yield few_episodes[0]
+        yield few_sequences[0]
         raise BodysenseError("no more")
 
     with pytest.raises(BodysenseError, match="no more"):
-        cached_episodes(tmp_path / "a", {}, failing)
-    with pytest.raises(BodysenseError, match="no clip to make episodes of"):
-        cached_episodes(tmp_path / "a", {}, lambda: iter([]))
+        cached_sequences(tmp_path / "a", {}, failing)
+    with pytest.raises(BodysenseError, match="no clip to make sequences of"):
+        cached_sequences(tmp_path / "a", {}, lambda: iter([]))
     assert not list(tmp_path.iterdir())

@@ -11,7 +11,7 @@ import torch
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
-from bodysense_lab.unoc.episodes import Variation, make_episode
+from bodysense_lab.unoc.body_sequences import Augmentation, make_body_sequence
 from bodysense_lab.unoc.network import PAPER, BodyNetwork
 from bodysense_lab.unoc.task import BodySchedule, BodyTask
 
@@ -26,9 +26,9 @@ def throughput(clip: Clip, steps: int, threads: int) -> dict[str, float]:
     found: dict[str, float] = {}
     for form, config in (("window", PAPER), ("sequence", replace(PAPER, window=None))):
         model = BodyNetwork(config, default_skeleton())
-        episode = make_episode(clip, model, Variation(), np.random.default_rng(0))
-        episodes = [episode] * 4  # more windows than a batch holds
-        task = BodyTask(model, schedule, episodes, [])
+        sequence = make_body_sequence(clip, model, Augmentation(), np.random.default_rng(0))
+        sequences = [sequence] * 4  # more windows than a batch holds
+        task = BodyTask(model, schedule, sequences, [])
         optimizer, memory, rng = task.optimizer(), None, np.random.default_rng(0)
         frames, begun = 0, 0.0
         for step, batch in enumerate(itertools.islice(task.batches(rng), steps + 1)):

@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 
 from bodysense_lab.fit import Task
-from bodysense_lab.unoc.episodes import last_frame
+from bodysense_lab.unoc.body_sequences import last_frame
 from bodysense_lab.unoc.losses import LossWeights, length_of, unlikelihood
-from bodysense_lab.unoc.point_episodes import PointBatch, PointEpisode, collate, lanes, windows
 from bodysense_lab.unoc.point_network import PointNetwork, PointPrediction
+from bodysense_lab.unoc.point_sequences import PointBatch, PointSequence, carried_batches, collate, windows
 
 TYPICAL = 0.02  # m: the distance at which a squared one weighs as much as a Euclidean one
 
@@ -25,7 +25,7 @@ class PointSchedule:
     """How long and on what."""
 
     steps: int = 4000
-    batch: int = 128  # lanes of carried training, or windows
+    batch: int = 128  # sequences of carried training, or windows
     chunk: int = 12  # frames of truncated backpropagation
     learning_rate: float = 1e-3
     warm_up: int = 100  # steps
@@ -70,8 +70,8 @@ class PointTask(Task):
 
     network: PointNetwork
     schedule: PointSchedule
-    episodes: Sequence[PointEpisode]
-    validation: Sequence[PointEpisode]
+    sequences: Sequence[PointSequence]
+    validation: Sequence[PointSequence]
     source: Mapping[str, Any] | None = None
     clip = 5.0
 
@@ -79,8 +79,8 @@ class PointTask(Task):
         """Sequences side by side, or windows, without end."""
         schedule, window = self.schedule, self.network.config.window
         if window is None:
-            return lanes(self.episodes, schedule.batch, schedule.chunk, rng)
-        return windows(self.episodes, window, schedule.batch, rng)
+            return carried_batches(self.sequences, schedule.batch, schedule.chunk, rng)
+        return windows(self.sequences, window, schedule.batch, rng)
 
     def loss(self, batch: PointBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor | None]:
         """Loss terms of a chunk with carried memory, or of the last frame of windows."""
@@ -98,13 +98,13 @@ class PointTask(Task):
 
 
 @torch.no_grad()
-def validate_points(network: PointNetwork, episodes: Sequence[PointEpisode]) -> float:
+def validate_points(network: PointNetwork, sequences: Sequence[PointSequence]) -> float:
     """RMSJPE over all frames and placed points, cm at the reference size."""
     training = network.training
     network.eval()
     total, count = 0.0, 0
-    for episode in episodes:
-        batch = collate([(episode, 0)], len(episode), np.ones(1, dtype=bool))
+    for sequence in sequences:
+        batch = collate([(sequence, 0)], len(sequence), np.ones(1, dtype=bool))
         hidden, _ = network.recurrent(batch.features, network.start(1))
         missed = network.answer(batch.features, hidden, batch.start).offset - batch.offset
         total += float((missed**2).sum())
