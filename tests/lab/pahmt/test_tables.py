@@ -31,13 +31,13 @@ def quaternions(rotation: Rotation) -> np.ndarray:
 
 
 def test_rotation_errors_are_scipys() -> None:
-    said, truth = turns(1), turns(2)
+    predicted, truth = turns(1), turns(2)
     arms = [k for k, name in enumerate(ARM_JOINTS) if k not in FINGERS]
-    found = table_errors(quaternions(said), quaternions(truth), EVERY)
-    angle = np.degrees((truth.inv() * said).magnitude()).reshape(6, 38)
+    found = table_errors(quaternions(predicted), quaternions(truth), EVERY)
+    angle = np.degrees((truth.inv() * predicted).magnitude()).reshape(6, 38)
     np.testing.assert_allclose(found["arms_deg"], angle[:, arms], atol=1e-6)
     np.testing.assert_allclose(found["fingers_deg"], angle[:, list(FINGERS)], atol=1e-6)
-    component = np.abs(said.as_rotvec() - truth.as_rotvec()).mean(axis=-1).reshape(6, 38)
+    component = np.abs(predicted.as_rotvec() - truth.as_rotvec()).mean(axis=-1).reshape(6, 38)
     np.testing.assert_allclose(found["arms"], component[:, arms], atol=1e-9)
 
 

@@ -81,7 +81,7 @@ class ArmNetworkConfig:
 
     @property
     def shares(self) -> int:
-        """Numbers that say what is believed: four bones' directions, and of each hand what was said and two palms."""
+        """Number of blending weights: four directions of bones, and for each hand the regressed wrist and two palms."""
         return 4 * self.from_directions + 6 * self.from_palms
 
     @property
@@ -91,14 +91,14 @@ class ArmNetworkConfig:
 
 
 @dataclass(frozen=True)
-class Studio:
-    """How windows are filmed: cameras, the detector's errors, and that a video may have just begun."""
+class VideoSimulation:
+    """Simulation of a video: cameras, errors of the detector, and videos that have just begun."""
 
     cameras: Suppress[CameraRange] = CameraRange()
     keypoints: Literal["detected", "perfect"] = "detected"
     """with the errors of a detector, or without any"""
     mirrored: Suppress[bool] = True  # half of the windows in a mirror
-    begun: Suppress[float] = 0.1  # share of windows before whose later frames there was nothing
+    begun: Suppress[float] = 0.1  # share of windows at the beginning of a video, padded with its first frame
 
     @property
     def noise(self) -> DetectorNoise | None:
@@ -144,7 +144,7 @@ class ArmSchedule:
     """of the moving average of the weights, which is what is kept"""
     check_every: Count = 250
     """steps between checkpoints, each of which measures the average and keeps it if it is best"""
-    studio: Flat[Studio] = Studio()
+    studio: Flat[VideoSimulation] = VideoSimulation()
     seed: Seed = 1
     """random seed"""
 

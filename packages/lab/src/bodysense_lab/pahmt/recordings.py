@@ -28,7 +28,7 @@ from bodysense_lab.augment import with_limb_proportions
 from bodysense_lab.pahmt.camera_view import sample_cameras, view, view_points
 from bodysense_lab.pahmt.features import Window, window_of
 from bodysense_lab.pahmt.keypoint_noise import detect
-from bodysense_lab.pahmt.options import Studio
+from bodysense_lab.pahmt.options import VideoSimulation
 from bodysense_lab.windows import Windows, find_windows
 
 RATE = 30.0  # Hz
@@ -78,12 +78,12 @@ class ArmBatch(NamedTuple):
 def read_arm_recordings(
     clips: Iterable[Clip], bodies: int = 1, rng: np.random.Generator | None = None
 ) -> ArmRecordings:
-    """Read every clip once as recorded and, with `rng`, `bodies` − 1 times augmented (`varied`)."""
+    """Read every clip once as recorded and, with `rng`, `bodies` − 1 times augmented (`augmented`)."""
     at_rate = [resample(clip, RATE) for clip in clips]
     donors = [clip for clip in at_rate if clip.has_fingers]
     points, rotations, kept = [], [], []
     for clip in at_rate:
-        others = [] if rng is None else [varied(clip, donors, rng) for _ in range(bodies - 1)]
+        others = [] if rng is None else [augmented(clip, donors, rng) for _ in range(bodies - 1)]
         for one in (clip, *others):
             points.append(view_points(one.pose).astype(np.float32))
             rotations.append(arms_from_torso(one.pose).astype(np.float32))
@@ -102,7 +102,7 @@ def read_arm_recordings(
     )
 
 
-def varied(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip:
+def augmented(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip:
     """The clip on the default body with other proportions, arms that wander, half the time those of another clip."""
     other = replace(clip, pose=Pose(default_skeleton(), clip.pose.root_position, clip.pose.rotation))
     if clip.has_fingers and rng.random() < 0.5:
@@ -111,7 +111,7 @@ def varied(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip
 
 
 def film(
-    frames: ArmRecordings, windows: Windows, which: np.ndarray, studio: Studio, rng: np.random.Generator
+    frames: ArmRecordings, windows: Windows, which: np.ndarray, studio: VideoSimulation, rng: np.random.Generator
 ) -> tuple[ArmKeypoints, np.ndarray]:
     """Key-points (B, T) of the windows `which` (B,), each by a camera of its own, and true rotations (B, T, 38, 4)."""
     row = windows.frames(which)
@@ -130,7 +130,7 @@ def film(
 
 
 def make_batch(
-    frames: ArmRecordings, windows: Windows, which: np.ndarray, studio: Studio, rng: np.random.Generator
+    frames: ArmRecordings, windows: Windows, which: np.ndarray, studio: VideoSimulation, rng: np.random.Generator
 ) -> ArmBatch:
     """`film`, as tensors."""
     keypoints, rotation = film(frames, windows, which, studio, rng)
