@@ -122,7 +122,7 @@ def test_a_hand_that_is_lost_stays_by_the_head(model: BodyVaeModel, signal: Obse
     assert not np.allclose(there.last.wrist_offset[1], before.last.wrist_offset[1])
 
 
-def test_after_a_gap_it_begins_anew(model: BodyVaeModel, signal: Observation) -> None:
+def test_a_gap_resets_the_state(model: BodyVaeModel, signal: Observation) -> None:
     time = signal.time.copy()
     time[40:] += 3.0
     late = run(BodyVaeEstimator(SKELETON, model), replace(signal, time=time)).position[40:]
@@ -158,7 +158,7 @@ def test_the_prior_stands_on_the_floor(model: BodyVaeModel, height: float) -> No
     np.testing.assert_allclose(bone, np.broadcast_to(skeleton.bone_length[1:], bone.shape), atol=1e-9)
 
 
-def test_what_it_is_unsure_of(model: BodyVaeModel, signal: Observation) -> None:
+def test_confidence_is_the_cards_and_bad_input_is_refused(model: BodyVaeModel, signal: Observation) -> None:
     estimate = run(BodyVaeEstimator(SKELETON, model), signal)
     card = dict(zip(BODY, model.card["expected_error"], strict=True))
     knee, wrist, finger = SKELETON.indices(["left_knee", "left_wrist", "left_index3"])

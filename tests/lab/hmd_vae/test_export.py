@@ -61,7 +61,7 @@ def agree(model: BodyVaeModel, network: BodyVae, frames: BodyFrames, trust: floa
     assert geodesic_angle(local, wanted[1][0].double().numpy()).max() < 1e-3 * times
 
 
-def test_the_mean_is_what_training_measures(small_vae: Path, frames: BodyFrames) -> None:
+def test_the_exported_mean_equals_that_of_validation(small_vae: Path, frames: BodyFrames) -> None:
     model = load_body_vae(small_vae)
     network, _ = read_vae(small_vae.with_suffix(".pt"))
     windows = frames.windows(model.frames)

@@ -1,4 +1,4 @@
-"""Arms from directions: bones point along them, elbows are hinges, and a weight blends them with regressed rotations."""
+"""Arms from directions: bones point along them, elbows are hinges, and weights blend in regressed rotations."""
 
 from __future__ import annotations
 

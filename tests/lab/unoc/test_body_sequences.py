@@ -35,7 +35,7 @@ def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: 
     np.testing.assert_allclose(completed.position[0].numpy(), position, atol=1e-5)
 
 
-def test_what_is_seen_is_known(waving_clip: Clip, network: BodyNetwork) -> None:
+def test_visible_points_are_known(waving_clip: Clip, network: BodyNetwork) -> None:
     """Where a point is seen (a finger: with its wrist), its last known offset is the true one; else an earlier one."""
     sequence = make_body_sequence(waving_clip, network, Augmentation(), np.random.default_rng(0))
     observation = observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)

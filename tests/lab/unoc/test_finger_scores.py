@@ -54,7 +54,7 @@ def test_the_nearest_is_the_nearest(examples: Examples) -> None:
     np.testing.assert_array_equal(examples.nearest(asked), examples.hand[place])
 
 
-def test_features_do_not_care_where_the_body_faces_or_how_tall_it_is(waving_clip: Clip) -> None:
+def test_features_do_not_depend_on_heading_and_height(waving_clip: Clip) -> None:
     pose = waving_clip.pose
     turn = Rotation.from_rotvec([0, 1.2, 0])
     rotation = pose.rotation.copy()

@@ -188,7 +188,7 @@ def test_time_that_does_not_increase_is_refused(first: float, second: float) -> 
         tracker.step(shown(pose, np.array([np.nan])), tracker.start())
 
 
-def test_a_long_gap_starts_afresh() -> None:
+def test_a_long_gap_resets_the_state() -> None:
     """After more than a second without frames nothing of the old motion is left; after less, it is."""
     tracker = IkTracker(Repeat())
     before, after = still(bent(0.0), 2), still(bent(0.9), 1)
@@ -202,7 +202,7 @@ def test_a_long_gap_starts_afresh() -> None:
     assert np.abs(soon.root_position - fresh.root_position).max() > 0.005
 
 
-def test_settings_that_cannot_be_are_refused() -> None:
+def test_impossible_settings_are_refused() -> None:
     with pytest.raises(BodysenseError, match=r"half_life is -0\.1; it must be 0 or more"):
         IkTrackerSettings(half_life=-0.1)
 
@@ -224,7 +224,7 @@ class Say:
         return PointEstimate(self.skeleton, said, np.zeros(seen.shape), np.broadcast_to(self.error, seen.shape)), None
 
 
-def test_what_is_surer_pulls_more() -> None:
+def test_more_certain_points_pull_more() -> None:
     """The elbow is said to be 10 cm further out than the arm is long. Who gives way?"""
     standing, _ = forward_kinematics(rest_pose(SKELETON))
     elbow = SKELETON.index("left_elbow")

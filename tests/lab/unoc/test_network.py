@@ -279,7 +279,7 @@ def test_weights_come_back(form: str, networks, tmp_path: Path) -> None:
         assert_same(complete(network, tracked)[0], complete(again, tracked)[0], 0.0)
 
 
-def test_what_is_no_network_is_refused(tmp_path: Path) -> None:
+def test_other_files_than_networks_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match="no such file; train it with `bodysense train unoc-tables`"):
         read_weights(tmp_path / "a.pt", SKELETON)
     (tmp_path / "a.pt").write_bytes(b"not a network")
@@ -326,7 +326,7 @@ def exported(small_network: Path) -> tuple[Path, BodyNetwork, BodyNetwork]:
 
 @settings(max_examples=4)
 @given(seed=st.integers(0, 9999), hidden=st.floats(0.2, 1))
-def test_the_file_says_what_the_network_says(exported, seed: int, hidden: float) -> None:
+def test_the_file_predicts_as_the_network(exported, seed: int, hidden: float) -> None:
     path, network, rounded = exported
     tracked = motion(50, seed, hidden=hidden)
     written = run_onnx(path, tracked)

@@ -117,7 +117,7 @@ def test_the_answer_grows_with_the_body(form: str, networks, waving_clip: Clip, 
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_what_it_should_say_is_the_truth(form: str, networks, waving_clip: Clip) -> None:
+def test_targets_are_the_truth(form: str, networks, waving_clip: Clip) -> None:
     """Offsets in the network's frame, placed in the world again, are the positions they were made from."""
     network = networks[form]
     tracked, truth = tracked_of(waving_clip.pose[:5], network)

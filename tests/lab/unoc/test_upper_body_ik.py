@@ -337,7 +337,7 @@ def test_the_tracker_takes_it(waving_clip: Clip) -> None:
     np.testing.assert_array_equal(estimate.position, complete(seen).position)
 
 
-def test_it_is_better_than_a_body_that_stands_there(motion_data) -> None:
+def test_it_is_better_than_a_standing_body(motion_data) -> None:
     """Real motion: errors of neck, shoulders and elbows against those of a standing body under the head."""
     sources = [source for source in list_sources(motion_data) if source.category in ("talk_gesture", "everyday")]
     joints = SKELETON.indices(["neck", *(SKELETON.points[p] for p in (*SHOULDERS, *ELBOWS))])

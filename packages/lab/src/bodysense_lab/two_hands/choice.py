@@ -62,10 +62,10 @@ def measure_settings(task: HandTask) -> HandErrors:
     """Errors, cm, under (setting, value, seconds)."""
     means, models = HandErrors(task.person), load_glove_models()
     rng = np.random.default_rng([CHOICE_SEED, crc32(task.motions[0].name.encode())])
-    worn = [(motion, draw_hand(rng)) for motion in task.motions]
+    pairs = [(motion, draw_hand(rng)) for motion in task.motions]
     if task.group == SYNTHESISED:  # a motion of its own, too
-        worn = [(synthesize_hand(hand.skeleton, SYNTHETIC_SECONDS, rng), hand) for _, hand in worn]
-    trials = _joined(worn, LAST, rng)
+        pairs = [(synthesize_hand(hand.skeleton, SYNTHETIC_SECONDS, rng), hand) for _, hand in pairs]
+    trials = _joined(pairs, LAST, rng)
     for count in HIDDEN_MARKERS if trials is not None else ():
         assert trials is not None
         hidden = hide_some(len(trials), count, rng)
@@ -73,7 +73,7 @@ def measure_settings(task: HandTask) -> HandErrors:
             filler = NetworkFiller(models.markers, trials.hands, trials.gloves, value)
             for seconds, error in zip(DURATIONS, marker_error(trials, hidden, filler), strict=True):
                 means.add(("fading", value, seconds), error)
-    longer = _joined(worn, SCORED, rng)
+    longer = _joined(pairs, SCORED, rng)
     if longer is not None:
         lost, seed = hide_some(len(longer), LOST_FINGERS, rng, len(FINGERS)), int(rng.integers(2**31))
         for value in CANDIDATES["aside"].values:
@@ -85,10 +85,10 @@ def measure_settings(task: HandTask) -> HandErrors:
 
 
 def _joined(
-    worn: Sequence[tuple[HandMotion, GlovedHand]], last: Sequence[int], rng: np.random.Generator
+    pairs: Sequence[tuple[HandMotion, GlovedHand]], last: Sequence[int], rng: np.random.Generator
 ) -> Trials | None:
     """Return trials of motions on their hands; None if all motions are too short."""
-    parts = [cut([motion], STRIDE, rng, hand, last) for motion, hand in worn]
+    parts = [cut([motion], STRIDE, rng, hand, last) for motion, hand in pairs]
     found = [part for part in parts if part is not None]
     return together(found) if found else None
 

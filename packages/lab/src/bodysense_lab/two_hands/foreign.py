@@ -34,8 +34,8 @@ from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.motion import HandMotion
 from bodysense_lab.two_hands.trials import DURATIONS, HandErrors, Trials, cut, finger_error, hide_some, marker_error
 
-FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"
-PLACES = {FOREIGN: "left-out hand", STRANGER: "unseen hands", TEMPLATE: "the paper's hand"}
+FOREIGN, UNSEEN, TEMPLATE = "foreign", "stranger", "template"
+PLACES = {FOREIGN: "left-out hand", UNSEEN: "unseen hands", TEMPLATE: "the paper's hand"}
 WAYS = {"nn": "hand known", "untold": "size known", "calibrated": "hand calibrated"}
 ALONE = "network_alone"  # known hand; the network's error is not kept
 _AT_ONCE = 1e-9  # s, half-life of that error
@@ -98,8 +98,8 @@ def foreign_fingers(
         for count in FEW_MANY:
             hidden = hide_some(len(trials), count, np.random.default_rng(count))
             for way, taken in ways.items():
-                told = replace(taken, markers=trials.markers, points=trials.points)
-                still, *errors = finger_error(told, hidden, loaded, settings)
+                assumed = replace(taken, markers=trials.markers, points=trials.points)
+                still, *errors = finger_error(assumed, hidden, loaded, settings)
                 means.add((place, way, 0, 0.0), still)
                 for duration, error in zip(DURATIONS, errors, strict=True):
                     means.add((place, way, count, duration), error)
@@ -138,7 +138,7 @@ def _settings(
             taken = {"nn": hand, "untold": _sized(hand)}
             if calibrate and (found := _calibrated(motion, hand, load_joint_network(files[1]), rng)) is not None:
                 taken["calibrated"] = found
-            ways = {way: replace(trials, worn=(one,) * len(trials)) for way, one in taken.items()}
+            ways = {way: replace(trials, gloved_hands=(one,) * len(trials)) for way, one in taken.items()}
             yield place, files, trials, ways
 
 
@@ -146,7 +146,7 @@ def unseen_hand(place: str, motion: HandMotion, rng: np.random.Generator) -> Glo
     """Return the hand of a place that makes a motion: the motion's own, a drawn one, or the paper's."""
     if place == FOREIGN:
         return plain_hand(motion.pose.skeleton)
-    return draw_hand(rng) if place == STRANGER else template_hand()
+    return draw_hand(rng) if place == UNSEEN else template_hand()
 
 
 def _sized(hand: GlovedHand) -> GlovedHand:
@@ -188,5 +188,5 @@ def template_hand() -> GlovedHand:
     offset = np.stack(
         [wanted[name] - reached[hand.index(point)] for name, point in zip(glove.markers, glove.points, strict=True)]
     )
-    worn = Glove(glove.markers, glove.points, glove.carried_by, offset, hand_size(hand))
-    return replace(plain_hand(hand), glove=worn)
+    stretched = Glove(glove.markers, glove.points, glove.carried_by, offset, hand_size(hand))
+    return replace(plain_hand(hand), glove=stretched)

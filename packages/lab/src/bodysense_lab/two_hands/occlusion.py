@@ -120,7 +120,7 @@ def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None
         columns=("motion", "", *SETTINGS.values(), "published, one hand"),
         rows=tuple(row for group in GROUPS if group in counted for row in _rows(group, counted[group])),
         numbers=numbers_of(counted) | (census.numbers() if data else {"minutes": minutes}),
-        data=(describe(data, census) if data else synthesised, _told(cameras)),
+        data=(describe(data, census) if data else synthesised, _camera_text(cameras)),
         remarks=tuple(_remarks(main)),
         caption="Share of the time, %; of the spans in which a marker is hidden, %; their median, s. One hand: the "
         f"other is taken away. Both hands: of {2 * len(MARKERS)} markers. At {RATE:g} Hz.",
@@ -128,7 +128,7 @@ def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None
     )
 
 
-def _told(cameras: CameraRing) -> str:
+def _camera_text(cameras: CameraRing) -> str:
     heights = " and ".join(f"{height:+g}" for height in cameras.heights)
     return (
         f"{cameras.count} cameras, {cameras.radius:g} m from the hands, {heights} m above them; a marker is found "

@@ -107,8 +107,8 @@ def measure(
         for number in range(synthesised):
             yield HandTask([synthetic_hand(number)], SYNTHESISED, f"hand {number}")
 
-    for _, told in spread(work, _of_people(tasks()) if by_person else tasks(), jobs):
-        means.merge(told)
+    for _, part in spread(work, _of_people(tasks()) if by_person else tasks(), jobs):
+        means.merge(part)
         advance()
     return GloveTable(means, census, data, synthesised)
 
@@ -191,5 +191,5 @@ def descent_error(motion: HandMotion, limits: FingerLimits | None, stride: int) 
     rotation[:, 0] = [1.0, 0.0, 0.0, 0.0]
     true, _ = forward_kinematics(Pose(pose.skeleton, np.zeros_like(pose.root_position), rotation))
     tips, points = (pose.skeleton.indices(names) for names in ([f"{finger}_tip" for finger in FINGERS], FINGER_POINTS))
-    told = solve_fingers(pose.skeleton, true[:, tips], limits)
-    return joint_error(told[:, points], true[:, points]).mean(axis=-1)
+    solved = solve_fingers(pose.skeleton, true[:, tips], limits)
+    return joint_error(solved[:, points], true[:, points]).mean(axis=-1)

@@ -47,9 +47,9 @@ def make_point_sequence(
     clip: Clip, network: PointNetwork, augmentation: Augmentation, rng: np.random.Generator
 ) -> PointSequence:
     """Augment a canonical clip and prepare it for `network`."""
-    tracked, placed = tracked_of(augmented(clip, augmentation, rng).pose, network)
+    tracked, truth = tracked_of(augmented(clip, augmentation, rng).pose, network)
     with torch.no_grad():
-        prepared, offset = network.prepare(tracked), network.offsets(placed, tracked)
+        prepared, offset = network.prepare(tracked), network.offsets(truth, tracked)
     return PointSequence(
         features=prepared.features[0].numpy(),
         start=prepared.start[0].numpy(),
