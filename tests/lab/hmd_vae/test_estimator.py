@@ -42,7 +42,7 @@ def signal(waving_clip: Clip) -> Observation:
 
 
 def run(estimator: BodyVaeEstimator, observation: Observation, sizes: list[int] | None = None) -> PointEstimate:
-    """The whole observation, handed over so many frames at a time."""
+    """Estimate the whole observation in pieces of some frames."""
     state, parts, first = estimator.start(), [], 0
     for size in sizes or [len(observation)]:
         estimate, state = estimator.step(observation[first : first + size], state)
@@ -143,7 +143,7 @@ def test_samples_differ_and_are_drawn_again(model: BodyVaeModel, signal: Observa
     still = replace(signal[:5], position=np.tile(signal.position[:1], (5, 1, 1)))
     still = replace(still, rotation=np.tile(signal.rotation[:1], (5, 1, 1)))
     body = run(BodyVaeEstimator(SKELETON, model, noises[0]), still).position
-    np.testing.assert_allclose(body, np.tile(body[:1], (5, 1, 1)), atol=1e-6)  # nobody trembles
+    np.testing.assert_allclose(body, np.tile(body[:1], (5, 1, 1)), atol=1e-6)  # no jitter
 
 
 @pytest.mark.parametrize("height", [1.5, 1.9])

@@ -159,6 +159,6 @@ def test_short_clips_are_not_counted(tmp_path: Path, waving_clip: Clip) -> None:
 
     for name, length in (("long", 90), ("short", 40)):
         write_bvh(tmp_path / f"{name}.bvh", replace(waving_clip, pose=waving_clip.pose[:length]))
-    told: list[str] = []
-    frames, census = read_test(DataSet("set", tmp_path, "all"), lambda clip: told.append(clip.name))
-    assert (len(frames), census.clips, len(told)) == (1, 1, 2)
+    advanced: list[str] = []
+    frames, census = read_test(DataSet("set", tmp_path, "all"), lambda clip: advanced.append(clip.name))
+    assert (len(frames), census.clips, len(advanced)) == (1, 1, 2)

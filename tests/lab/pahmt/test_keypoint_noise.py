@@ -52,7 +52,7 @@ def test_errors_have_the_given_size() -> None:
     after = detect(before, noise, np.random.default_rng(0))
     across = np.degrees(np.arctan2(after.arm[..., 1], after.arm[..., 0])).std()
     assert across == pytest.approx(3.0, rel=0.07)
-    # Of three independent components of deviation s, the root mean square of the length is s √3.
+    # Three independent components of deviation s have a length with root mean square s √3.
     angle = np.degrees(geodesic_angle(after.torso, before.torso))
     assert np.sqrt((angle**2).mean()) == pytest.approx(2.0 * np.sqrt(3), rel=0.07)
     assert (after.hand - before.hand).std() == pytest.approx(0.02 * 0.2, rel=0.05)

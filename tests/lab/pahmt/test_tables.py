@@ -69,7 +69,7 @@ def test_rows_are_scored_and_reported(folder: Path, small_arms_weights: Path, tm
     assert census.clips == 1
     report = arm_report((scored, census), data)
     numbers = report.numbers
-    # The same weights see the same windows.
+    # Equal weights have equal errors on equal windows.
     for measure in ("hands_m", "overall_m", "arms"):
         assert numbers[f"ahmt_{measure}"] == numbers[f"pahmt_{measure}"] > 0
     assert numbers["ahmt_overall_cm"] == pytest.approx(100 * numbers["ahmt_overall_m"])

@@ -1,4 +1,4 @@
-"""Cyclic coordinate descent: it reaches what can be reached, as near as anything could, and keeps limits."""
+"""Cyclic coordinate descent: it reaches goals, or the nearest possible point, and keeps limits."""
 
 from __future__ import annotations
 

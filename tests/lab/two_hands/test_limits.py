@@ -84,7 +84,7 @@ def test_a_touch_is_kept_or_lost() -> None:
 
 def test_a_jump_is_a_step_that_the_truth_does_not_make() -> None:
     true = np.zeros((10, 2, 21, 3))
-    true[5:, ..., 2] = 0.02  # everything moves at once, and so it is told
+    true[5:, ..., 2] = 0.02  # everything moves at once, also in the prediction
     predicted = true.copy()
     predicted[4:, 1, 7] += [0.0, 0.006, 0.008]
     predicted[7:, 0, 3, 0] += 0.004

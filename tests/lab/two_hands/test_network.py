@@ -1,4 +1,4 @@
-"""Networks of a glove: what they read, what they start from, and what an exported one has folded in."""
+"""Networks of a glove: inputs, initial weights, and the folded layers of exported ones."""
 
 from __future__ import annotations
 

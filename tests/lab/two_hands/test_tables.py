@@ -1,4 +1,4 @@
-"""Tables 3 and 4 of two-hands: what trials are, that errors are of what is hidden, and what the reports hold."""
+"""Tables 3 and 4 of two-hands: trials, errors of hidden markers, and reports."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def test_errors_of_the_last_known_position_are_the_distances_moved(motion: HandM
 
 
 def test_a_perfect_network_has_no_error_of_fingers(motion: HandMotion) -> None:
-    """Through the run time: true angles and true markers give true joints, hidden markers or not."""
+    """With true angles and true markers, the solver gives true joints, hidden markers or not."""
     from bodysense.body.hand import angles_of
 
     trials = cut([motion], 40, np.random.default_rng(2))

@@ -1,4 +1,4 @@
-"""Training of a glove's networks: what is drawn, that losses fall, that a run goes on as the run it was."""
+"""Training of a glove's networks: drawn batches, falling losses, and resumed runs."""
 
 from __future__ import annotations
 

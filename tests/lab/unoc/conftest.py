@@ -13,7 +13,7 @@ from bodysense.io.clip import Clip
 from bodysense_lab.unoc.body_sequences import Augmentation, BodySequence, make_body_sequence
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
 
-# Without layers of the fingers' own and their dropout, so that few steps tell.
+# Without layers of the fingers' own and their dropout, so that few steps suffice.
 SMALL = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=None, judge_branch=(16,))
 
 
@@ -25,7 +25,7 @@ def network() -> BodyNetwork:
 
 @pytest.fixture(scope="session")
 def few_sequences(waving_clip: Clip) -> list[BodySequence]:
-    """The waving clip as it is, mirrored, and without fingers."""
+    """The waving clip plain, mirrored, and without fingers."""
     rng, network = np.random.default_rng(0), BodyNetwork(SMALL, default_skeleton())
     bare = replace(waving_clip, name="bare", has_fingers=False)
     return [

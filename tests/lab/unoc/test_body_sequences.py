@@ -30,8 +30,8 @@ def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: 
         height=torch.tensor([skeleton.height], dtype=torch.float32),
     )
     offset = torch.from_numpy(sequence.offset)[None]
-    said = BodyPrediction(offset, torch.zeros(offset.shape[:-1]), torch.ones(offset.shape[:-1]))
-    completed = network.place_in_world(said, network.facing(tracked.head_rotation)[1], tracked)
+    predicted = BodyPrediction(offset, torch.zeros(offset.shape[:-1]), torch.ones(offset.shape[:-1]))
+    completed = network.place_in_world(predicted, network.facing(tracked.head_rotation)[1], tracked)
     np.testing.assert_allclose(completed.position[0].numpy(), position, atol=1e-5)
 
 

@@ -30,7 +30,7 @@ def learned(small_network: Path) -> Learned:
 
 
 def at_times(clip: Clip, time: np.ndarray) -> Observation:
-    """What a headset sees at some times; the clip's poses are taken frame by frame, over and over."""
+    """Observe a clip's frames, repeated, at the given times by a simulated headset."""
     return observe(clip.pose[np.arange(len(time)) % len(clip)], time, HEADSET_CAMERA)
 
 

@@ -56,15 +56,15 @@ def by_hand(answer: BodyPrediction, truth: BodyBatch) -> dict[str, float]:
         if name == "head" or not truth.valid[b, t] or (FINGER[p] and not truth.fingers[b]):
             continue
         count += 1
-        said, true = (part.offset[b, t].detach().numpy().astype(float) for part in (answer, truth))
+        predicted, true = (part.offset[b, t].detach().numpy().astype(float) for part in (answer, truth))
         hidden = not truth.visible[b, t, p]
         more = 1.2 if hidden else 1.0
-        distance = length(said[p] - true[p])
+        distance = length(predicted[p] - true[p])
         terms["position"] += (100 if FINGER[p] else 10) * more * distance
         parent = max(SKELETON.parents[p], 0)
         # Fingers are offsets from the wrist, so that the wrist itself is their zero.
         base = parent not in WRIST.values() or not FINGER[p]
-        bone, true_bone = ((x[p] - x[parent]) if base else x[p] for x in (said, true))
+        bone, true_bone = ((x[p] - x[parent]) if base else x[p] for x in (predicted, true))
         terms["parent"] += 3 * more * length(bone - true_bone)
         terms["bone"] += (10 if FINGER[p] else 7) * abs(length(bone) - length(true_bone))
         share = 1 / (1 + math.exp(-float(answer.hidden_logit[b, t, p])))

@@ -76,7 +76,7 @@ def test_the_truth_costs_nothing_and_terms_add_up(sequences: list[PointSequence]
 
 
 def test_a_squared_distance_has_the_mean_as_its_optimum(waving_clip: Clip) -> None:
-    """Of 0, 0 and 3 cm the best single answer is 1 cm; for the Euclidean one, 0."""
+    """The best single prediction of 0, 0 and 3 cm is 1 cm, or 0 for the Euclidean distance."""
     model = network(SMALL_FINGERS)
     sequence = make_point_sequence(waving_clip, model, Augmentation(), np.random.default_rng(0))
     batch = collate([(sequence, 0)], 3, np.ones(1, dtype=bool))

@@ -1,4 +1,4 @@
-"""Tables 2 to 4: ours and the published figures in their places, and what is said of the paper's orderings."""
+"""Tables 2 to 4: our figures and the published ones in their places, and remarks about the paper's orderings."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_the_networks_are_those_that_are_trained(table: ScoreTable) -> None:
 
 @pytest.mark.parametrize("table", ALL, ids=lambda table: table.name)
 def test_the_published_figures_support_the_claims(table: ScoreTable) -> None:
-    """Every ordering that is said to be the paper's is in the paper's figures."""
+    """The published figures have every ordering that a remark attributes to the paper."""
     for claim in table.claims:
         if not claim.text.startswith("Not in the paper"):
             lower, *higher = (

@@ -116,8 +116,8 @@ def test_a_checkpoint_of_another_schedule_is_refused(
 ) -> None:
     short = replace(SCHEDULE, steps=2, check_every=1)
     run(network, short, few_sequences, tmp_path / "a.ckpt")
-    said = r"a\.ckpt belongs to another configuration \(schedule\.seed: 1 → 2\); give another --out"
-    with pytest.raises(BodysenseError, match=said):
+    message = r"a\.ckpt belongs to another configuration \(schedule\.seed: 1 → 2\); give another --out"
+    with pytest.raises(BodysenseError, match=message):
         run(network, replace(short, seed=2), few_sequences, tmp_path / "a.ckpt")
 
 

@@ -27,7 +27,7 @@ def folder(tmp_path: Path, waving_clip: Clip) -> Path:
     return write_people(tmp_path / "data", {"train": learned, "val": [waving_clip]})
 
 
-def asked(data: Path, out: Path) -> BodyTraining:
+def options_for(data: Path, out: Path) -> BodyTraining:
     return BodyTraining(
         data=data,
         out=out,
@@ -56,7 +56,7 @@ def test_a_run_writes_a_network_that_tracks(
 ) -> None:
     """In the paper's form, with a window of 5 frames instead of 27: the export writes a step for each."""
     monkeypatch.setattr(train, "PAPER", replace(PAPER, window=5))
-    run = replace(asked(folder, tmp_path / "net.onnx"), form="paper")
+    run = replace(options_for(folder, tmp_path / "net.onnx"), form="paper")
     train_body(run)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "net.ckpt", "net.jsonl", "net.onnx"]
     model = load_model(tmp_path / "net.onnx")
@@ -70,7 +70,7 @@ def test_a_run_writes_a_network_that_tracks(
     learned = Learned(model, waving_clip.pose.skeleton)
     estimate, _ = learned.step(observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)[:5], learned.start())
     assert np.isfinite(estimate.position).all()
-    # The same command once more has nothing left to learn; the file still says how good the network is.
+    # Repeated, the command trains nothing, and the file keeps its validation figures.
     train_body(run)
     assert load_model(tmp_path / "net.onnx").card == model.card
 

@@ -38,7 +38,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "TABLES", {"2": ("gru",), "4": ("gru", "no_bone")})
 
 
-def asked(folder: Path, out: Path) -> TablesTraining:
+def options_for(folder: Path, out: Path) -> TablesTraining:
     return TablesTraining(
         data=folder, out=out, tables=("2", "4"), epochs=2, window_stride=10, batch_scale=0.02, threads=1
     )
@@ -58,7 +58,7 @@ def test_every_table_names_networks_that_exist() -> None:
 
 
 def test_a_run_trains_each_network_once(small: None, folder: Path, tmp_path: Path, capsys) -> None:
-    run = asked(folder, tmp_path / "out")
+    run = options_for(folder, tmp_path / "out")
     train_tables(run)
     for name in ("gru", "no_bone"):
         assert read_weights(run.out / f"{name}.pt", default_skeleton()).config == SMALL
@@ -69,7 +69,7 @@ def test_a_run_trains_each_network_once(small: None, folder: Path, tmp_path: Pat
 
 
 def test_another_configuration_is_refused_with_the_difference(small: None, folder: Path, tmp_path: Path) -> None:
-    run = replace(asked(folder, tmp_path / "out"), tables=("2",))
+    run = replace(options_for(folder, tmp_path / "out"), tables=("2",))
     train_tables(run)
     with pytest.raises(BodysenseError, match=r"gru\.json is of another configuration \(schedule\.epochs: 2 → 3\)"):
         train_tables(replace(run, epochs=3))

@@ -130,11 +130,11 @@ def test_elbows_bend_about_their_hinge_and_never_backward() -> None:
 
 
 def test_elbows_are_where_people_have_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Level hands of one who looks ahead: elbows hang below the line from shoulder to hand, outside, not in the chest.
+    """For level hands ahead, elbows hang below the line from shoulder to hand, outside the chest.
 
-    Of overhead hands they point outward and forward of straight behind; of hanging hands, backward.
+    Below overhead hands they point outward and forward of straight behind. Above hanging hands they point backward.
     """
-    for name in ("_SWIVEL_BY_TWIST", "_SWIVEL_BY_FLEXION"):  # so that hands say nothing of the elbow
+    for name in ("_SWIVEL_BY_TWIST", "_SWIVEL_BY_FLEXION"):  # so that the hand's rotation does not turn the elbow
         monkeypatch.setattr(upper_body_ik, name, 0.0)
     directions = {
         "ahead": (0.1, -0.1, 0.7),

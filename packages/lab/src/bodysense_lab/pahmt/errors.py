@@ -69,7 +69,7 @@ def table_errors(predicted: np.ndarray, truth: np.ndarray, joints: Sequence[int]
 
 
 def twist_errors(predicted: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """Difference of the twists about the bones, degrees, (..., 2) of left and right, of rotations (..., 38, 4).
+    """Return differences (..., 2), degrees, of the twists about left and right bones, of rotations (..., 38, 4).
 
     Keys are `upper_arm_twist_deg` and `forearm_twist_deg`; bones are the skeleton's, whose arms the rotations turn. A
     forearm's twist is that of elbow and wrist together: motion capture puts it into either.

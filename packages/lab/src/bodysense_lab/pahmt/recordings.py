@@ -1,4 +1,4 @@
-"""Windows for the networks of arms and hands: recorded motion before a camera, and the true rotations."""
+"""Training windows of the networks of arms and hands: recorded motion seen by simulated cameras, and true rotations."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _STIFF = np.array([name.partition("_")[2] in ARM[:-1] for name in ARM_JOINTS])  
 
 @dataclass(frozen=True, eq=False)
 class ArmRecordings:
-    """Recordings at 30 Hz, their frames one after the other."""
+    """Recordings at 30 Hz, concatenated."""
 
     points: np.ndarray  # (N, 2, 24, 3) float32 m, world: `view_points`
     rotation: np.ndarray  # (N, 38, 4) float32, local rotations of `ARM_JOINTS` (`arms_from_torso`)
@@ -72,7 +72,7 @@ class ArmBatch(NamedTuple):
 
     window: Window
     rotation: Tensor  # (B, T, 38, 4)
-    known: Tensor  # (B, 38) bool: joints of which there is a truth
+    known: Tensor  # (B, 38) bool: joints whose true rotation is known
 
 
 def read_arm_recordings(
@@ -103,7 +103,7 @@ def read_arm_recordings(
 
 
 def augmented(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip:
-    """The clip on the default body with other proportions, arms that wander, half the time those of another clip."""
+    """Augment a clip on the default body: other proportions, slow random arm motion, in half of them other arms."""
     other = replace(clip, pose=Pose(default_skeleton(), clip.pose.root_position, clip.pose.rotation))
     if clip.has_fingers and rng.random() < 0.5:
         other = with_arms_of(other, donors, rng)
@@ -113,7 +113,7 @@ def augmented(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> C
 def film(
     frames: ArmRecordings, windows: Windows, which: np.ndarray, studio: VideoSimulation, rng: np.random.Generator
 ) -> tuple[ArmKeypoints, np.ndarray]:
-    """Key-points (B, T) of the windows `which` (B,), each by a camera of its own, and true rotations (B, T, 38, 4)."""
+    """Return key-points (B, T) of windows `which` (B,), each by its own camera, and true rotations (B, T, 38, 4)."""
     row = windows.frames(which)
     if studio.begun:
         first = np.where(rng.random(len(row)) < studio.begun, rng.integers(1, windows.length, len(row)), 0)

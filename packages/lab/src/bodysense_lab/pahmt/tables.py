@@ -1,6 +1,6 @@
 """PAHMT, Table 1: the errors of networks of arms and hands on filmed windows of a data set. Needs PyTorch.
 
-Every network is asked about the same windows, filmed by the same cameras with the same errors of a detector.
+All networks are scored on equal windows, cameras and errors of the detector.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _BATCH = 128  # windows that are computed together
 
 @dataclass(frozen=True, eq=False)
 class ScoredRow:
-    """One row: what it is, and its figures."""
+    """One row and its figures."""
 
     name: str
     row: TableRow

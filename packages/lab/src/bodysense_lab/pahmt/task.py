@@ -28,7 +28,7 @@ _WATCHED = ("overall_m", "arms_deg", "hands_m", "fingers_deg")  # errors in a ru
 
 
 class Pair(nn.Module):
-    """The network and the discriminator that it plays against."""
+    """The network and its discriminator."""
 
     def __init__(self, network: ArmNetwork) -> None:
         super().__init__()
@@ -36,10 +36,10 @@ class Pair(nn.Module):
 
 
 def arm_loss(network: ArmNetwork, predicted: Tensor, batch: ArmBatch, schedule: ArmSchedule) -> dict[str, Tensor]:
-    """The weighted terms of eq. 18 and their sum, 'loss', of regressed rotations (B, T, joints, 3 or 6).
+    """Return the weighted terms of eq. 18 and their sum, 'loss', for regressed rotations (B, T, joints, 3 or 6).
 
     'rotation' is the L1 distance of what is regressed (eq. 15), 'smooth' the L1 norm of its change (eq. 16), 'fk' the
-    distance of joints on a character's arms, chest fixed (eq. 17); what is not known is left out.
+    distance of joints on a character's arms, chest fixed (eq. 17). Unknown joints are left out.
     """
     joints = list(network.config.joints)
     known, truth = batch.known[:, None, joints], batch.rotation[:, :, joints]
@@ -60,7 +60,7 @@ def arm_loss(network: ArmNetwork, predicted: Tensor, batch: ArmBatch, schedule: 
 
 
 def points_known(known: Tensor, joints: list[int]) -> Tensor:
-    """(B, 49) bool: points of `arms_alone` that a joint moves that is estimated and known (B, 38)."""
+    """Return (B, 49) bool: points of `arms_alone` whose parent joint is predicted and `known` (B, 38)."""
     skeleton = arms_alone()
     affected = torch.zeros(len(known), len(skeleton.points), dtype=torch.bool)
     for point in range(1, len(skeleton.points)):

@@ -1,8 +1,8 @@
-"""Gloves on unseen hands: of a person who was left out of training, of the family of hands, and of the paper's glove.
+"""Gloves on unseen hands: of a person left out of training, drawn hands, and the hand of the paper's glove.
 
 The motion is that of the test clips. *Foreign*: a clip on its own hand, by networks that were trained without its
-person (`bodysense train gloves --leave-one-out`). *Stranger*: on a hand drawn from the family of hands. *Template*: on
-a hand whose markers, when it is flat, are those of the template of the paper's release. Every hand is scored with its
+person (`bodysense train gloves --leave-one-out`). *Stranger*: on a hand drawn from the hand shape space. *Template*:
+on a hand with the markers of the template in the paper's release. Every hand is scored with its
 exact shape, with its size alone, and with the shape that a calibration by the clip's own markers finds.
 """
 
@@ -37,7 +37,7 @@ from bodysense_lab.two_hands.trials import DURATIONS, HandErrors, Trials, cut, f
 FOREIGN, UNSEEN, TEMPLATE = "foreign", "stranger", "template"
 PLACES = {FOREIGN: "left-out hand", UNSEEN: "unseen hands", TEMPLATE: "the paper's hand"}
 WAYS = {"nn": "hand known", "untold": "size known", "calibrated": "hand calibrated"}
-ALONE = "network_alone"  # known hand; the network's error is not kept
+ALONE = "network_alone"  # known hand; the offset at hiding is not kept
 _AT_ONCE = 1e-9  # s, half-life of that error
 FEW_MANY = (1, 4)  # markers hidden at once
 _LOOKED = 600  # frames that a calibration looks at: ten seconds
@@ -53,7 +53,7 @@ _TEMPLATE = (
 
 @dataclass(frozen=True)
 class ForeignModels:
-    """Networks for hands that they have not learned; paths, None for packaged ones."""
+    """Networks that are scored on unseen hands; paths, or None for packaged ones."""
 
     markers: Path | None = None
     joints: Path | None = None
@@ -124,7 +124,7 @@ def foreign_numbers(means: HandErrors) -> dict[str, float]:
 def _settings(
     motions: list[HandMotion], person: str, models: ForeignModels, stride: int, calibrate: bool
 ) -> Iterator[tuple[str, tuple[Path | None, Path | None], Trials, dict[str, Trials]]]:
-    """Every place: its networks, its trials, and what each way takes their hands for."""
+    """Yield each place with its networks, its trials, and the trials with the hands that each way assumes."""
     for place in PLACES:
         files = models.of(place, person)
         if files is None:

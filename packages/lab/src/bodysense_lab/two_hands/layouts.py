@@ -49,7 +49,7 @@ class Layout:
 
 
 def layouts() -> tuple[Layout, ...]:
-    """Ours, and others."""
+    """Return our layout and four others."""
     plate, back = {"labels": ["*_P1", "*_P2", "*_P3"]}, [{"label": f"*_{name}", "is": name} for name in MARKERS]
     knuckles = ("pinky_base", "index_base")
     return (
@@ -91,7 +91,7 @@ _WAYS = ("told", "calibrated")
 
 
 def wear_glove(layout: Layout, bare: GlovedHand, rng: np.random.Generator) -> GlovedHand:
-    """A hand in the markers of a set, off from where they should sit by what its accuracy says; a plate anywhere."""
+    """Put the markers of a layout on a hand, displaced at random by their accuracy; a plate anywhere on its back."""
     glove = glove_of(layout.glove_set, bare.skeleton, bare.axes)
     offset = glove.offset + rng.normal(size=glove.offset.shape) * [
         marker.accuracy for marker in layout.glove_set.markers
@@ -105,7 +105,7 @@ def wear_glove(layout: Layout, bare: GlovedHand, rng: np.random.Generator) -> Gl
 
 
 def _scored(layout: Layout, number: int, models: GloveModels) -> Iterator[tuple[str, int, np.ndarray]]:
-    """Way, hidden markers, and errors, cm, of every frame that is scored."""
+    """Yield the way, the number of hidden markers, and the errors (F,) cm of the scored frames."""
     rng = np.random.default_rng([_SEED, number])
     hand = wear_glove(layout, draw_hand(rng), rng)
     pose = carried_over(synthesize_hand(hand.skeleton, 2 * SECONDS, rng, RATE).pose, hand)
@@ -126,7 +126,7 @@ def _scored(layout: Layout, number: int, models: GloveModels) -> Iterator[tuple[
 
 
 def _errors(known: GlovedHand, seen: np.ndarray, truth: np.ndarray, models: GloveModels, hidden: int) -> np.ndarray:
-    """(F,) cm; where one is hidden, of the frames before it returns."""
+    """Return errors (F,) cm; with a hidden marker, of the frames before it returns."""
     device = glove_device(default_skeleton(), ("left",), models, calibrated={"left": known})
     points = tuple(f"left_glove_{name}" for name in known.glove.markers)
     answer, _ = device.step(observed_markers(points, seen), device.start())

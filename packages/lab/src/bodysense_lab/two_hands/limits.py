@@ -97,7 +97,7 @@ def measure_pair(pair: HandPair, models: GloveModels, cameras: CameraRing, rng: 
 
 
 def completed(pair: HandPair, observation: Observation, models: GloveModels, settings: HandsSettings) -> HandPair:
-    """Both hands from their markers, as left hands in their worlds."""
+    """Solve both hands from their markers, as left hands in their own worlds."""
     hands = Hands({name: pose.skeleton for name, pose in pair.hands.items()}, models, settings)
     answers, _ = hands.step(observation, hands.start())
 
@@ -112,12 +112,12 @@ def completed(pair: HandPair, observation: Observation, models: GloveModels, set
 
 
 def points_of(pair: HandPair) -> np.ndarray:
-    """(T, 2, 21, 3) m, of every point, each hand in its own world."""
+    """Return all points (T, 2, 21, 3) m, each hand in its own world."""
     return np.stack([np.asarray(forward_kinematics(pose)[0]) for pose in pair.hands.values()], axis=1)
 
 
 def count_penetration(findings: Findings, name: str, pair: HandPair) -> None:
-    """Frames in which a hand stands in itself, or in the other: their share, and the mean and largest depth, mm."""
+    """Count frames in which a hand penetrates itself or the other: their share, and the mean and largest depth, mm."""
     own = np.maximum(own_depth(pair.left).max(axis=-1), own_depth(pair.right).max(axis=-1))
     mutual = mutual_depth(pair.left, pair.right).max(axis=(-1, -2))
     for kind, depth in (("own", own), ("mutual", mutual), ("any", np.maximum(own, mutual))):
@@ -128,7 +128,7 @@ def count_penetration(findings: Findings, name: str, pair: HandPair) -> None:
 
 
 def count_touches(findings: Findings, name: str, pair: HandPair, truth: HandPair) -> None:
-    """How wide the gap is, mm, between fingertips that touch in truth, and between thumb and index alone."""
+    """Measure the gaps, mm, between fingertips that truly touch, and between thumb and index finger alone."""
     predicted, true = fingertip_gaps(pair), fingertip_gaps(truth)
     touching = true < TOUCHING
     findings.add(f"touch_gap_mm_{name}", 1000 * np.maximum(predicted, 0.0)[touching])
@@ -140,7 +140,7 @@ def count_touches(findings: Findings, name: str, pair: HandPair, truth: HandPair
 
 
 def fingertip_gaps(pair: HandPair) -> np.ndarray:
-    """(T, 4 + 4 + 25) m between surfaces: the thumb's last segment and other fingers', of each hand; then of both."""
+    """Return gaps (T, 4 + 4 + 25) m between surfaces: of thumb and fingertips of each hand, then between both hands."""
     first, second = own_pairs()
     rows = [
         int(np.flatnonzero((first == _TIPS[0]) & (second == tip))[0]) for tip in _TIPS[1:]

@@ -40,7 +40,7 @@ class Trials:
     markers: np.ndarray  # (T, H, 9, 3) m
     points: np.ndarray  # (T, H, 21, 3) m
     turned: np.ndarray  # (T, H, 16, 4) wxyz, world ← joint
-    frames: np.ndarray  # (H,) that are of the motion
+    frames: np.ndarray  # (H,) number of frames within the motion
 
     def __len__(self) -> int:
         return len(self.gloved_hands)
@@ -63,7 +63,7 @@ class Trials:
 
 
 def together(several: Sequence[Trials]) -> Trials:
-    """Trials of several parts, in order."""
+    """Concatenate trials."""
     return Trials(
         tuple(hand for part in several for hand in part.gloved_hands),
         np.concatenate([part.markers for part in several], axis=1),
@@ -92,9 +92,9 @@ def cut(
     hand: GlovedHand | None = None,
     last: Sequence[int] = LAST,
 ) -> Trials | None:
-    """A trial at every `stride` frames of every motion at 60 Hz, from a random one on; None of motions too short.
+    """Cut a trial at every `stride` frames of every motion at 60 Hz, from a random one on; None if all are too short.
 
-    On the motions' own hands, in default gloves, or on another one. `last` are the frames that are scored.
+    The hands are those of the motions in default gloves, or `hand`. `last` are the frames that are scored.
     """
     length, hands = last[-1] + 1, []
     markers, points, turned, frames = [], [], [], []
@@ -121,14 +121,14 @@ def cut(
 
 
 def hide_some(trials: int, count: int | np.ndarray, rng: np.random.Generator, of: int = len(MARKERS)) -> np.ndarray:
-    """(H, 9) bool: `count` random markers of each (a number, or (H, 1)), or as many of `of` other things."""
+    """Choose `count` random markers (a number, or (H, 1)) of each trial: (H, 9) bool; or of `of` other things."""
     return rng.random((trials, of)).argsort(axis=1).argsort(axis=1) < count
 
 
 def marker_error(trials: Trials, hidden: np.ndarray, filler: Filler) -> np.ndarray:
-    """Mean error of the markers `hidden` (H, 9) on the last frame of each duration, cm: (5, H).
+    """Return the mean error of the markers `hidden` (H, 9) on the last frame of each duration, cm: (5, H).
 
-    NaN where the motion ends before. `filler` knows the trials' hands.
+    NaN if the motion ends before. `filler` is made for the hands of the trials.
     """
     state, errors = filler.start(len(trials)), []
     for frame in range(LAST[-1] + 1):
@@ -144,7 +144,7 @@ def marker_error(trials: Trials, hidden: np.ndarray, filler: Filler) -> np.ndarr
 
 
 def finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings) -> np.ndarray:
-    """Mean error of the joints of fingers through the whole run time, cm: (6, H).
+    """Return the mean error of finger joints by the whole solver, cm: (6, H).
 
     On the frame before markers are hidden, and on the last of each duration. NaN where the motion ends before.
     """

@@ -42,7 +42,7 @@ class Augmentation:
 
     mirrored: bool = False
     limb_spread: float = 0.0  # standard deviation of the factors of limb lengths
-    wrist_bend: float = 0.0  # rad, standard deviation of the bending given to wrists of which none was recorded
+    wrist_bend: float = 0.0  # rad, standard deviation of the bending of wrists without a recorded one
     hand_dropouts_per_minute: float = 0.0
     rates: tuple[float, float] = (RATE, RATE)  # Hz: the frame rate is drawn between them
 
@@ -62,7 +62,7 @@ class BodySequence:
 
 
 def augmented(clip: Clip, augmentation: Augmentation, rng: np.random.Generator) -> Clip:
-    """Return a canonical clip at the rate of a pass and with its changes, but for lost hands."""
+    """Resample and augment a canonical clip, except for lost hands."""
     low, high = augmentation.rates
     clip = resample(clip, low if low == high else float(np.exp(rng.uniform(np.log(low), np.log(high)))))
     if augmentation.wrist_bend:
@@ -79,10 +79,10 @@ STIFF = np.radians(2.0)  # wrists that never bend further than this were not rec
 
 
 def with_bent_wrists(clip: Clip, spread: float, rng: np.random.Generator) -> Clip:
-    """The clip with slow random bending of every wrist of which no bending was recorded; others are left alone.
+    """Bend wrists without recorded bending slowly and at random; return the clip.
 
-    `spread` is the standard deviation of either axis, radians. A wrist that only ever follows the forearm would tell a
-    network where the elbow is, which no hand does.
+    `spread` is the standard deviation about either axis, radians. From wrists that never bend, a network would learn to
+    infer the elbow, which fails on real hands.
     """
     pose, rotation = clip.pose, clip.pose.rotation.copy()
     for side in ("left", "right"):
@@ -102,7 +102,7 @@ def with_bent_wrists(clip: Clip, spread: float, rng: np.random.Generator) -> Cli
 def make_body_sequence(
     clip: Clip, model: BodyNetwork, augmentation: Augmentation, rng: np.random.Generator
 ) -> BodySequence:
-    """See a canonical clip through the headset's cameras and prepare it for `model`."""
+    """Observe a canonical clip by the headset's cameras and prepare it for `model`."""
     clip = augmented(clip, augmentation, rng)
     observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
     if augmentation.hand_dropouts_per_minute:
@@ -160,5 +160,5 @@ _WITHOUT_TIME = ("start", "fingers", "begins")  # fields of a batch without an a
 
 
 def last_frame(batch: Batch) -> Batch:
-    """Return the last frame of windows, which is the one that they answer."""
+    """Return the last frame of windows, the only one that is predicted."""
     return batch._replace(**{k: value[:, -1:] for k, value in batch._asdict().items() if k not in _WITHOUT_TIME})

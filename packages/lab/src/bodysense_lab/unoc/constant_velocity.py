@@ -1,4 +1,4 @@
-"""The second baseline of UNOC's Table 2: a hidden point keeps the velocity that it was last seen with."""
+"""The second baseline of UNOC's Table 2: a hidden point keeps its last known velocity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast UNOC's network trains: on windows, as in the paper, and on whole sequences with carried state."""
+"""Training speed of UNOC's network: on windows, as in the paper, and on whole sequences with carried state."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bodysense_lab.unoc.task import BodySchedule, BodyTask
 
 
 def throughput(clip: Clip, steps: int, threads: int) -> dict[str, float]:
-    """Windows and taught frames a second of the paper's GRU on windows and on sequences; and their ratio.
+    """Measure trained windows and frames per second of the paper's GRU, on windows and on sequences, and their ratio.
 
     Both train the same layers with the losses of the paper, in the precision and batch sizes that training uses.
     """

@@ -22,7 +22,7 @@ TYPICAL = 0.02  # m: the distance at which a squared one weighs as much as a Euc
 
 @dataclass(frozen=True)
 class PointSchedule:
-    """How long and on what."""
+    """Schedule of a training."""
 
     steps: int = 4000
     batch: int = 128  # sequences of carried training, or windows
@@ -42,7 +42,7 @@ class PointSchedule:
 def point_loss(
     network: PointNetwork, answer: PointPrediction, batch: PointBatch, schedule: PointSchedule
 ) -> dict[str, Tensor]:
-    """The terms of UNOC, section 4.2, without occlusion, and their sum, 'loss' (see `losses`)."""
+    """Return the terms of UNOC, section 4.2, without occlusion, and their sum, 'loss' (see `losses`)."""
     weights = schedule.loss
     mask = batch.valid[..., None]
     count = mask.sum().clamp(min=1)
@@ -114,6 +114,6 @@ def validate_points(network: PointNetwork, sequences: Sequence[PointSequence]) -
 
 
 def _bones(offset: Tensor, known: Tensor, children: list[int], parents: list[int]) -> Tensor:
-    """Vectors from parents to children (B, T, bones, 3), some of whose ends are known."""
+    """Return vectors (B, T, bones, 3) from parents to children. Some of the ends are known points."""
     points = torch.cat([offset, known, torch.zeros_like(known[..., :1, :])], dim=-2)
     return points[..., children, :] - points[..., parents, :]

@@ -24,7 +24,7 @@ CARRIED_STEPS = 20_000
 
 @dataclass(frozen=True)
 class BodySchedule:
-    """How long and on what."""
+    """Schedule of a training."""
 
     steps: int | None = None  # at most; None: `CARRIED_STEPS` of carried training, all epochs of windows
     lanes: int = 256
@@ -89,7 +89,7 @@ class BodyTask(Task):
 
 
 def step_count(config: BodyNetworkConfig, schedule: BodySchedule, sequences: Sequence[BodySequence]) -> int:
-    """Optimiser steps of a whole run."""
+    """Return the optimiser steps of a whole run."""
     most = schedule.steps
     if config.window is None:
         return CARRIED_STEPS if most is None else most
@@ -105,7 +105,7 @@ def make_batches(
     rng: np.random.Generator,
     done: int,
 ) -> Iterator[BodyBatch]:
-    """The run's batches from step `done` on: sequences without end, or the epochs of windows."""
+    """Yield the run's batches from step `done` on: sequences without end, or the epochs of windows."""
     if config.window is None:
         fingers = np.array([sequence.fingers for sequence in sequences])
         share = np.where(fingers, schedule.finger_share, 1 - schedule.finger_share)
@@ -124,7 +124,7 @@ def make_batches(
 def validate(model: BodyNetwork, sequences: Sequence[BodySequence]) -> dict[str, float]:
     """Occluded RMSJPE (cm at the reference height, network's frame) of the network and of last-known, body and fingers.
 
-    Where no clip has fingers, there are no figures of them.
+    Without clips with fingers, their figures are missing.
     """
     tested = scored_points(model.skeleton)
     total = {key: 0.0 for key in ("body", "body_known", "finger", "finger_known")}

@@ -158,7 +158,7 @@ def _finish(
 
 
 def augmentation_of(number: int, shipped: bool) -> Augmentation:
-    """How the n-th pass over the data differs: as recorded, then mirrored, then both again with other limbs."""
+    """Return the augmentation of the n-th pass: as recorded, then mirrored, then both again with other limbs."""
     if not shipped:
         return Augmentation(mirrored=number % 2 == 1)
     return Augmentation(

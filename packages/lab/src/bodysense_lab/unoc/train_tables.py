@@ -96,7 +96,7 @@ _VALIDATED = 3000  # frames that are enough to see how a run goes; the tables co
 
 
 def train_tables(run: TablesTraining) -> None:
-    """Train what is not trained yet. Raises BodysenseError where a run in the folder had another configuration."""
+    """Train the missing networks. Raises BodysenseError if a run in the folder had another configuration."""
     names = chosen_networks(run)
     make_folder(run.out)
     fabric = announced(run, BodyTask)
@@ -112,7 +112,7 @@ def train_tables(run: TablesTraining) -> None:
 
 
 def chosen_networks(run: TablesTraining) -> list[str]:
-    """The networks that were asked for, each once. Raises BodysenseError for names that do not exist."""
+    """Return the chosen networks, each once. Raises BodysenseError for names that do not exist."""
     for given, known, what in ((run.tables, TABLES, "table"), (run.networks, VARIANTS, "network")):
         unknown = [name for name in given if name not in known]
         if unknown:
@@ -194,7 +194,7 @@ def _body_sequence(clip: Any, config: BodyNetworkConfig) -> BodySequence:
 
 
 def _few(sequences: Sequence[BodySequence]) -> list[BodySequence]:
-    """Some of them, fingers among them, spread evenly over all; long ones are cut."""
+    """Choose some sequences evenly, some of them with fingers, and cut long ones."""
     fingers = [sequence for sequence in sequences if sequence.fingers]
     others = [sequence for sequence in sequences if not sequence.fingers]
     chosen: list[BodySequence] = []
