@@ -26,7 +26,7 @@ from bodysense.errors import BodysenseError
 from bodysense.observation import Observation
 from bodysense_lab.synthesis.glove_stream import observed_markers
 from bodysense_lab.synthesis.hands import synthesize_hand
-from bodysense_lab.two_hands.layouts import layouts, worn_by
+from bodysense_lab.two_hands.layouts import layouts, wear_glove
 
 SETS = {layout.key: layout for layout in layouts()}
 RATE = 60.0
@@ -35,13 +35,13 @@ RATE = 60.0
 @pytest.fixture(scope="module", params=["plate3", "knuckles", "tips"])
 def hand(request: pytest.FixtureRequest) -> GlovedHand:
     rng = np.random.default_rng(3)
-    return worn_by(SETS[request.param], draw_hand(rng), rng)
+    return wear_glove(SETS[request.param], draw_hand(rng), rng)
 
 
 @pytest.fixture(scope="module")
 def plated() -> GlovedHand:
     rng = np.random.default_rng(3)
-    return worn_by(SETS["plate3"], draw_hand(rng), rng)
+    return wear_glove(SETS["plate3"], draw_hand(rng), rng)
 
 
 def moving(hand: GlovedHand, seconds: float) -> Pose:
@@ -134,16 +134,16 @@ def test_the_marker_set_of_a_recording(plated: GlovedHand) -> None:
     assert not has_standard_gloves(seen) and set_of(glove_points("right")).name == "bodysense"
     with pytest.raises(BodysenseError, match="'idx', which no known set has; give --marker-set"):
         set_of(["left_glove_idx"])
-    markers = markers_of(seen, "left", SETS["plate3"].worn)
+    markers = markers_of(seen, "left", SETS["plate3"].glove_set)
     np.testing.assert_array_equal(markers, seen.position)
     with pytest.raises(BodysenseError, match="calibrating needs 6"):
-        calibrated_hands(replace(seen, has_position=np.zeros_like(seen.has_position)), SETS["plate3"].worn)
+        calibrated_hands(replace(seen, has_position=np.zeros_like(seen.has_position)), SETS["plate3"].glove_set)
 
 
 @pytest.mark.slow
 def test_calibration_with_a_plate(plated: GlovedHand) -> None:
     markers = np.asarray(marker_positions(plated.glove, moving(plated, 6.0)))
-    found = checked_fit(markers, SETS["plate3"].worn, "left")
+    found = checked_fit(markers, SETS["plate3"].glove_set, "left")
     assert found.error < 0.002 and found.hand.glove.markers == plated.glove.markers
 
 
@@ -152,4 +152,4 @@ def test_calibration_with_a_plate(plated: GlovedHand) -> None:
 def test_a_mirrored_plate_is_refused(plated: GlovedHand) -> None:
     markers = np.asarray(marker_positions(plated.glove, moving(plated, 6.0)))
     with pytest.raises(BodysenseError, match=r"only in a mirror.*--left-handed"):
-        checked_fit(markers * [-1.0, 1.0, 1.0], SETS["plate3"].worn, "left")
+        checked_fit(markers * [-1.0, 1.0, 1.0], SETS["plate3"].glove_set, "left")

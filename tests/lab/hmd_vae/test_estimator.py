@@ -42,7 +42,7 @@ def signal(waving_clip: Clip) -> Observation:
 
 
 def run(estimator: BodyVaeEstimator, observation: Observation, sizes: list[int] | None = None) -> PointEstimate:
-    """The whole observation, handed over so many frames at a time."""
+    """Estimate the whole observation in pieces of some frames."""
     state, parts, first = estimator.start(), [], 0
     for size in sizes or [len(observation)]:
         estimate, state = estimator.step(observation[first : first + size], state)
@@ -122,7 +122,7 @@ def test_a_hand_that_is_lost_stays_by_the_head(model: BodyVaeModel, signal: Obse
     assert not np.allclose(there.last.wrist_offset[1], before.last.wrist_offset[1])
 
 
-def test_after_a_gap_it_begins_anew(model: BodyVaeModel, signal: Observation) -> None:
+def test_a_gap_resets_the_state(model: BodyVaeModel, signal: Observation) -> None:
     time = signal.time.copy()
     time[40:] += 3.0
     late = run(BodyVaeEstimator(SKELETON, model), replace(signal, time=time)).position[40:]
@@ -143,7 +143,7 @@ def test_samples_differ_and_are_drawn_again(model: BodyVaeModel, signal: Observa
     still = replace(signal[:5], position=np.tile(signal.position[:1], (5, 1, 1)))
     still = replace(still, rotation=np.tile(signal.rotation[:1], (5, 1, 1)))
     body = run(BodyVaeEstimator(SKELETON, model, noises[0]), still).position
-    np.testing.assert_allclose(body, np.tile(body[:1], (5, 1, 1)), atol=1e-6)  # nobody trembles
+    np.testing.assert_allclose(body, np.tile(body[:1], (5, 1, 1)), atol=1e-6)  # no jitter
 
 
 @pytest.mark.parametrize("height", [1.5, 1.9])
@@ -158,7 +158,7 @@ def test_the_prior_stands_on_the_floor(model: BodyVaeModel, height: float) -> No
     np.testing.assert_allclose(bone, np.broadcast_to(skeleton.bone_length[1:], bone.shape), atol=1e-9)
 
 
-def test_what_it_is_unsure_of(model: BodyVaeModel, signal: Observation) -> None:
+def test_confidence_is_the_cards_and_bad_input_is_refused(model: BodyVaeModel, signal: Observation) -> None:
     estimate = run(BodyVaeEstimator(SKELETON, model), signal)
     card = dict(zip(BODY, model.card["expected_error"], strict=True))
     knee, wrist, finger = SKELETON.indices(["left_knee", "left_wrist", "left_index3"])

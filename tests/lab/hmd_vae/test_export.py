@@ -29,7 +29,7 @@ def frames(waving_clip: Clip) -> BodyFrames:
 
 
 def window(model: BodyVaeModel, frames: BodyFrames, last: int) -> Window:
-    """What the network reads, and the rest offsets."""
+    """Inputs of the network, and the rest offsets."""
     joints = [BODY.index(name) for name in model.card["reads"]]
     part = slice(last + 1 - model.frames, last + 1)
     return frames.position[part][:, joints], frames.rotation[part][:, joints], frames.rest_offset[0]
@@ -50,7 +50,7 @@ def test_the_other_models_files_are_theirs(tmp_path: Path, frames: BodyFrames, w
 
 
 def agree(model: BodyVaeModel, network: BodyVae, frames: BodyFrames, trust: float, times: float = 1) -> None:
-    """The same body of the same window and noise, to 0.1 mm and 0.06°, or so many times that."""
+    """Check that file and network give the same body for a window and noise, to `times` 0.1 mm and 0.06°."""
     position, rotation, offset = window(model, frames, 40)
     noise = np.random.default_rng(0).standard_normal(model.latent)
     root, local = model.body(position, rotation, trust, noise, offset)
@@ -61,7 +61,7 @@ def agree(model: BodyVaeModel, network: BodyVae, frames: BodyFrames, trust: floa
     assert geodesic_angle(local, wanted[1][0].double().numpy()).max() < 1e-3 * times
 
 
-def test_the_mean_is_what_training_measures(small_vae: Path, frames: BodyFrames) -> None:
+def test_the_exported_mean_equals_that_of_validation(small_vae: Path, frames: BodyFrames) -> None:
     model = load_body_vae(small_vae)
     network, _ = read_vae(small_vae.with_suffix(".pt"))
     windows = frames.windows(model.frames)

@@ -57,7 +57,7 @@ def test_a_trial_reads_some_of_a_list(tmp_path: Path, waving_clip: Clip) -> None
     assert [clip.name for clip in split_clips(tmp_path, "train", tmp_path / "split.txt", 1)] == ["b"]
 
 
-def test_none_is_long_enough(waving_clip: Clip) -> None:
+def test_clips_that_are_too_short_are_refused(waving_clip: Clip) -> None:
     with pytest.raises(BodysenseError, match=f"none of the clips has {TEST_LENGTH} frames at 30 Hz"):
         read_body_frames([shorter(waving_clip, 20)])
 
@@ -106,12 +106,12 @@ def test_a_list_decides(tmp_path: Path, waving_clip: Clip) -> None:
         ("a.bvh train\n./a.bvh test", r"line 2: a\.bvh is in train and in test; keep one"),
     ],
 )
-def test_lists_that_cannot_be_read(tmp_path: Path, text: str, message: str) -> None:
+def test_unreadable_lists_are_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "split.txt").write_text(text)
     with pytest.raises(BodysenseError, match=message):
         read_split_file(tmp_path / "split.txt")
 
 
-def test_a_list_that_is_not_there(tmp_path: Path) -> None:
+def test_a_missing_list_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match=r"gone\.txt: cannot be read .*; give a list of lines 'PATH train'"):
         read_split_file(tmp_path / "gone.txt")

@@ -136,7 +136,7 @@ def test_samples_are_averaged() -> None:
 
 @settings(max_examples=15)
 @given(seed=st.integers(0, 9999), origin=st.sampled_from(["head", "pelvis"]))
-def test_where_the_body_stands_and_faces_is_not_seen(seed: int, origin: Origin) -> None:
+def test_inputs_do_not_depend_on_place_and_heading(seed: int, origin: Origin) -> None:
     rng = np.random.default_rng(seed)
     body = draw(rng, 2, 5, 22)
     yaw, shift = rng.uniform(-3, 3), rng.uniform(-5, 5, 3)
@@ -192,7 +192,7 @@ def test_half_of_the_frames_are_every_second_to_the_last() -> None:
     np.testing.assert_allclose(second(x).detach().numpy(), every(x)[:, 1::2].detach().numpy(), atol=1e-6)
 
 
-def test_a_convolution_knows_its_place() -> None:
+def test_a_convolution_depends_on_the_frame() -> None:
     torch.manual_seed(0)
     layer, x = OverTime(6), torch.ones(1, 8, 6)
     inside = layer(x)[0, 2:-2].detach()
@@ -211,7 +211,7 @@ def test_any_length_of_history(length: int) -> None:
     assert float((after - before).detach().abs().max()) > 1e-6  # the oldest frame counts
 
 
-def test_a_decoder_that_is_taken_over_does_not_move() -> None:
+def test_a_reused_decoder_is_frozen() -> None:
     whole = network(replace(SMALL, model=0)).float()
     made = pretrained(replace(SMALL, model=4), whole)
     before = {name: value.clone() for name, value in made.state_dict().items()}
@@ -236,7 +236,7 @@ def test_a_decoder_must_fit() -> None:
         pretrained(replace(SMALL, model=3), network(replace(SMALL, model=1)))
 
 
-def test_files_that_are_none_of_ours(tmp_path: Path) -> None:
+def test_foreign_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match=r"gone\.pt: no such file; train it"):
         read_vae(tmp_path / "gone.pt")
     (tmp_path / "text.pt").write_text("not weights")
@@ -244,6 +244,6 @@ def test_files_that_are_none_of_ours(tmp_path: Path) -> None:
         read_vae(tmp_path / "text.pt")
 
 
-def test_configurations_that_cannot_be() -> None:
+def test_impossible_configurations_are_refused() -> None:
     with pytest.raises(BodysenseError, match="beta must be 0 or more"):
         replace(SMALL, beta=-1.0)

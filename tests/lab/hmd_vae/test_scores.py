@@ -69,7 +69,7 @@ def test_sequences_are_four_frames_apart() -> None:
 
 
 @pytest.mark.parametrize("origin", ["pelvis"])
-def test_a_score_is_what_training_watches(frames: BodyFrames, tmp_path: Path, origin: str) -> None:
+def test_scores_equal_those_of_validation(frames: BodyFrames, tmp_path: Path, origin: str) -> None:
     torch.manual_seed(0)
     network = BodyVae(replace(SMALL, model=2, origin=origin)).eval()
     card = {"validation_position_cm": 1.0, "within_position_cm": 1.0}
@@ -120,7 +120,7 @@ def made_up(model: int, blocks: int, legs: float, validation: float = 1.0, origi
     return Scored(f"{model}-{blocks}", config, card, tallies)
 
 
-def test_claims_are_told_as_they_are(tmp_path: Path) -> None:
+def test_remarks_state_whether_claims_hold(tmp_path: Path) -> None:
     shallow = [made_up(model, 3, legs) for model, legs in ((1, 8.0), (2, 7.0), (3, 9.0), (4, 9.5))]
     deep = [made_up(model, 6, legs, 0.9) for model, legs in ((1, 6.0), (2, 5.0), (3, 9.9), (4, 9.0))]
     pelvis = made_up(1, 3, 0.5, 0.1, "pelvis")
@@ -146,7 +146,7 @@ def test_the_best_is_chosen_without_the_test_people() -> None:
     assert best_of([made_up(2, 3, 1.0, 0.6), worse_in_test]) == {("head", 2): worse_in_test}
 
 
-def test_published_figures_stand_beside(tmp_path: Path) -> None:
+def test_published_figures_are_in_the_table(tmp_path: Path) -> None:
     report = metrics_report([made_up(1, 3, 2.0)], Census(), DataSet("made up", tmp_path))
     rows = {row[1]: row for row in report.rows}
     assert rows["HMD-VAE (as quoted)"][2:5] == (4.11, 6.83, 37.99)  # facts of AGRoL's table (Du et al. 2023)
@@ -159,6 +159,6 @@ def test_short_clips_are_not_counted(tmp_path: Path, waving_clip: Clip) -> None:
 
     for name, length in (("long", 90), ("short", 40)):
         write_bvh(tmp_path / f"{name}.bvh", replace(waving_clip, pose=waving_clip.pose[:length]))
-    told: list[str] = []
-    frames, census = read_test(DataSet("set", tmp_path, "all"), lambda clip: told.append(clip.name))
-    assert (len(frames), census.clips, len(told)) == (1, 1, 2)
+    advanced: list[str] = []
+    frames, census = read_test(DataSet("set", tmp_path, "all"), lambda clip: advanced.append(clip.name))
+    assert (len(frames), census.clips, len(advanced)) == (1, 1, 2)

@@ -123,14 +123,14 @@ def test_the_grids() -> None:
     assert len({sweep_name(config) for config in sweep_configs(SMALL, "all")}) == 150
 
 
-def test_names_in_a_sweep_tell_what_is_not_swept() -> None:
+def test_names_in_a_sweep_include_other_settings() -> None:
     config = BodyVaeConfig()
     assert sweep_name(config) == "model2-beta0.01-latent30-blocks3"
     assert sweep_name(replace(config, origin="pelvis", samples=4)) == f"{sweep_name(config)}-pelvis-samples4"
     assert sweep_name(replace(config, samples=2)) == f"{sweep_name(config)}-samples2"
 
 
-def test_a_run_writes_what_can_be_loaded(folder: Path, tmp_path: Path) -> None:
+def test_written_weights_can_be_loaded(folder: Path, tmp_path: Path) -> None:
     run = VaeRun(data=folder, out=tmp_path / "net.pt", config=replace(SMALL, model=0), schedule=SCHEDULE, threads=1)
     run_vae(run)
     network, card = read_vae(tmp_path / "net.pt")
@@ -188,7 +188,7 @@ def test_a_network_of_other_data_is_not_kept(folder: Path, tmp_path: Path) -> No
         run_vae(run)
 
 
-def test_a_sweep_looks_at_decoder_and_data(folder: Path, tmp_path: Path) -> None:
+def test_a_sweep_checks_decoder_and_data(folder: Path, tmp_path: Path) -> None:
     run = VaeRun(data=folder, out=tmp_path / "sweep", config=SMALL, schedule=replace(SCHEDULE, steps=2), threads=1)
     configs = [one for one in sweep_configs(SMALL, "one") if one.model in (0, 3)]
     run_sweep(run, configs)

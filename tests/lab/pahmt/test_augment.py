@@ -1,4 +1,4 @@
-"""Arms of others, and arms that wander."""
+"""Augmentation of arms: arms of other clips, and slow random offsets."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_arms_are_of_a_donor_or_its_mirror_image(waving_clip: Clip, frames: int)
             assert apart.min(axis=1).max() < 1e-5  # every frame is one of theirs
 
 
-def test_arms_wander_slowly_and_as_far_as_said(waving_clip: Clip) -> None:
+def test_arms_wander_slowly_and_by_the_given_angle(waving_clip: Clip) -> None:
     rng = np.random.default_rng(1)
     recorded = arm_rotations(waving_clip.pose)
     same = with_wandering_arms(waving_clip, 0.0, rng)

@@ -1,4 +1,4 @@
-"""Cameras in the room: where they stand and what they see of arms."""
+"""Simulated cameras: their places, and the key-points of arms in their pictures."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_picture_is_that_of_a_pinhole(waving_clip: Clip, seed: int) -> None:
     np.testing.assert_allclose(seen.hand[0][found], wanted[found], atol=1e-9)
 
 
-def test_cameras_stand_where_they_were_asked_to(waving_clip: Clip) -> None:
+def test_cameras_stand_in_the_given_range(waving_clip: Clip) -> None:
     where = CameraRange(distance=(1.0, 3.0), heading=(-30.0, 40.0), height=(-0.2, 0.4), roll=(0.0, 0.0))
     points = np.repeat(view_points(waving_clip.pose)[:1], 200, axis=0)
     camera = sample_cameras(points, np.random.default_rng(0), where)
@@ -67,7 +67,7 @@ def test_in_front_of_it_left_is_at_the_right() -> None:
     assert np.degrees(geodesic_angle(seen.torso[0, 0], np.array([1.0, 0, 0, 0]))) < 15
 
 
-def test_what_is_behind_the_trunk_or_outside_is_not_found() -> None:
+def test_points_behind_the_trunk_or_outside_are_not_found() -> None:
     pose = standing_pose(default_skeleton())
     elbow, shoulder = (default_skeleton().index(f"left_{name}") for name in ("elbow", "shoulder"))
     pose.rotation[shoulder] = quaternion_exp(np.array([0.0, 0.6, -1.2]))
@@ -83,13 +83,13 @@ def test_what_is_behind_the_trunk_or_outside_is_not_found() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"distance": (3.0, 1.0)}, "camera distance from 3 to 1: give the smaller number first"),
         ({"distance": (0.0, 1.0)}, "cameras need a positive distance"),
         ({"field_of_view": (40.0, 190.0)}, "field of view of 0 to 180"),
     ],
 )
-def test_cameras_that_cannot_be(change: dict[str, tuple[float, float]], said: str) -> None:
-    with pytest.raises(BodysenseError, match=said):
+def test_impossible_cameras_are_refused(change: dict[str, tuple[float, float]], message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
         CameraRange(**change)

@@ -1,4 +1,4 @@
-"""Arms from directions: they point as said, elbows are hinges, and a share decides between them and an answer."""
+"""Arms from directions: bones point along them, elbows are hinges, and weights blend in regressed rotations."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bodysense.body.rotation import (
     sixd_to_matrix,
 )
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.pahmt.network import beside_directions, hinged
+from bodysense_lab.pahmt.network import blend_directions, hinged
 
 BONES = torch.tensor(
     arm_skeleton(default_skeleton()).rest_offset[
@@ -40,13 +40,13 @@ def sixd_quaternion(sixd: torch.Tensor) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("batch", [(), (5,), (2, 7)])
-def test_bones_point_as_said(batch: tuple[int, ...]) -> None:
-    said = directions(*batch)
-    base = hinged(said)
+def test_bones_point_along_the_given_directions(batch: tuple[int, ...]) -> None:
+    predicted = directions(*batch)
+    base = hinged(predicted)
     assert base.shape == (*batch, 2, 2, 4)
-    torch.testing.assert_close(quaternion_rotate(base, normalize(BONES).expand_as(said)), said)
-    said_rotation = matrix_to_sixd(quaternion_to_matrix(turns(*batch)))
-    local = sixd_quaternion(beside_directions(said_rotation, torch.ones(*batch, 2, 2, dtype=torch.float64), base))
+    torch.testing.assert_close(quaternion_rotate(base, normalize(BONES).expand_as(predicted)), predicted)
+    predicted_rotation = matrix_to_sixd(quaternion_to_matrix(turns(*batch)))
+    local = sixd_quaternion(blend_directions(predicted_rotation, torch.ones(*batch, 2, 2, dtype=torch.float64), base))
     for k, side in enumerate(SIDES):  # down the chain by scipy
         turn = Rotation.identity()
         for place, joint in enumerate(("collar", "shoulder", "elbow")):
@@ -54,7 +54,7 @@ def test_bones_point_as_said(batch: tuple[int, ...]) -> None:
             turn = turn * Rotation.from_quat(quaternion.numpy(), scalar_first=True)
             if place:
                 bone = normalize(BONES)[k, place - 1].numpy()
-                np.testing.assert_allclose(turn.apply(bone), said[..., k, place - 1, :].reshape(-1, 3), atol=1e-9)
+                np.testing.assert_allclose(turn.apply(bone), predicted[..., k, place - 1, :].reshape(-1, 3), atol=1e-9)
 
 
 def test_bent_elbows_turn_about_their_hinge_alone() -> None:
@@ -68,22 +68,22 @@ def test_bent_elbows_turn_about_their_hinge_alone() -> None:
 
 
 def test_an_arm_of_which_nothing_is_known_hangs_and_gradients_are_finite() -> None:
-    said = torch.zeros(3, 2, 2, 3, requires_grad=True)
-    base = hinged(said)
+    predicted = torch.zeros(3, 2, 2, 3, requires_grad=True)
+    base = hinged(predicted)
     down = quaternion_rotate(base, normalize(BONES).float().expand(3, 2, 2, 3))
     torch.testing.assert_close(down[..., 1], torch.full((3, 2, 2), -1.0))
     answered = torch.randn(3, 38, 6).requires_grad_()
     gate = torch.full((3, 2, 2), 0.5, requires_grad=True)
-    beside_directions(answered, gate, base).square().cumsum(dim=-1).sum().backward()
+    blend_directions(answered, gate, base).square().cumsum(dim=-1).sum().backward()
     for values in (answered, gate):
         assert values.grad is not None and bool(torch.isfinite(values.grad).all())
 
 
-def test_what_is_not_trusted_is_as_it_was_said() -> None:
+def test_without_weight_the_regressed_rotation_is_unchanged() -> None:
     rotation = matrix_to_sixd(quaternion_to_matrix(turns(4)))
     base, gate = hinged(directions(4)), torch.zeros(4, 2, 2, dtype=torch.float64)
-    torch.testing.assert_close(beside_directions(rotation, gate, base), rotation)
+    torch.testing.assert_close(blend_directions(rotation, gate, base), rotation)
     gate[:, 1, 0] = 1.0
-    other = beside_directions(rotation, gate, base)
+    other = blend_directions(rotation, gate, base)
     moved = {name for k, name in enumerate(ARM_JOINTS) if not torch.allclose(rotation[:, k], other[:, k])}
     assert moved == {"right_shoulder"}

@@ -47,19 +47,19 @@ def test_without_errors_nothing_changes() -> None:
         np.testing.assert_allclose(getattr(after, name), values, atol=1e-12)
 
 
-def test_errors_are_as_large_as_they_are_said_to_be() -> None:
+def test_errors_have_the_given_size() -> None:
     noise, before = replace(NONE, arm_jitter=3.0, torso_jitter=2.0, hand_jitter=0.02), still()
     after = detect(before, noise, np.random.default_rng(0))
     across = np.degrees(np.arctan2(after.arm[..., 1], after.arm[..., 0])).std()
     assert across == pytest.approx(3.0, rel=0.07)
-    # Of three independent components of deviation s, the root mean square of the length is s √3.
+    # Three independent components of deviation s have a length with root mean square s √3.
     angle = np.degrees(geodesic_angle(after.torso, before.torso))
     assert np.sqrt((angle**2).mean()) == pytest.approx(2.0 * np.sqrt(3), rel=0.07)
     assert (after.hand - before.hand).std() == pytest.approx(0.02 * 0.2, rel=0.05)
     np.testing.assert_allclose(np.linalg.norm(after.arm, axis=-1), 1, atol=1e-12)
 
 
-def test_depth_is_less_than_it_is_and_what_is_across_keeps_its_way() -> None:
+def test_depth_shrinks_and_the_direction_across_stays() -> None:
     before = still(2000, 3)
     before.arm[..., :] = np.asarray(normalize(np.array([0.5, -0.7, 0.4])))
     noise = replace(
@@ -87,7 +87,7 @@ def test_drift_is_slow_and_jitter_is_not() -> None:
         assert together == pytest.approx(wanted, abs=0.03)
 
 
-def test_hands_are_missed_as_often_as_said_and_more_when_fast_or_small() -> None:
+def test_hands_are_missed_at_the_given_rate_and_more_if_fast_or_small() -> None:
     noise = replace(NONE, missed=0.1, missed_fast=0.4, missed_for=0.2)
     shares = [
         1 - detect(keypoints, noise, np.random.default_rng(0)).has_hand[:, 16:].mean()
@@ -115,14 +115,14 @@ def test_swapped_hands_change_places_for_a_while() -> None:
     np.testing.assert_array_equal(left, after.hand[:, :, 1].mean(axis=(-1, -2)) < 2.5)
 
 
-def test_a_hand_that_is_lost_is_gone_for_long() -> None:
+def test_a_lost_hand_stays_lost_for_long() -> None:
     after = detect(still(300), replace(NONE, lost=0.3), np.random.default_rng(0))
     gone = ~after.has_hand
     assert gone.any(axis=1).mean() == pytest.approx(0.3, abs=0.07)
     assert gone.sum(axis=1).max() > 20
 
 
-def test_what_was_hidden_stays_hidden() -> None:
+def test_hidden_points_stay_hidden() -> None:
     keypoints = still(20)
     hidden = replace(keypoints, has_hand=np.zeros_like(keypoints.has_hand), has_arm=np.zeros_like(keypoints.has_arm))
     after = detect(hidden, DetectorNoise(), np.random.default_rng(0))

@@ -53,29 +53,29 @@ def window(batch: int = 2, frames: int = 32, seed: int = 0) -> Window:
 )
 def test_every_form_answers_with_rotations(kind: Kind, more: dict[str, Any]) -> None:
     network = ArmNetwork(ArmNetworkConfig(kind=kind, **more, **SMALL)).eval()
-    said = network(window())
+    predicted = network(window())
     joints = 30 if more.get("input") == "hands" else 38
-    assert said.shape == (2, 32, joints, 6 if "rotation" in more else 3)
-    turns = network.quaternions(said)
+    assert predicted.shape == (2, 32, joints, 6 if "rotation" in more else 3)
+    turns = network.quaternions(predicted)
     torch.testing.assert_close(turns.norm(dim=-1), torch.ones(2, 32, joints))
-    assert Discriminator(network.config)(said).shape == (2, 8)
+    assert Discriminator(network.config)(predicted).shape == (2, 8)
 
 
 @pytest.mark.parametrize("input", ["hands", "arms-hands"])
 def test_hands_may_be_anywhere_and_of_any_size(input: Input) -> None:
-    """Without the inputs of ours, a hand that is moved and scaled in the picture is the same to the network."""
+    """Without our additional inputs, the network's input does not change if a hand moves or grows in the picture."""
     network, seen = ArmNetwork(ArmNetworkConfig(input=input, **SMALL)), window()
     moved = seen._replace(hand=seen.hand * torch.tensor([0.3, 2.0])[:, None, None, None, None] + 0.7)
     torch.testing.assert_close(network.points(moved), network.points(seen), atol=1e-4, rtol=1e-4)
     points = network.points(seen)[:, :, -42:].unflatten(2, (2, 21))
-    shown = points[seen.has_hand]
-    size = (shown.amax(dim=1) - shown.amin(dim=1)).amax(dim=-1)
+    centred = points[seen.has_hand]
+    size = (centred.amax(dim=1) - centred.amin(dim=1)).amax(dim=-1)
     torch.testing.assert_close(size, torch.ones(len(size)))
-    assert (shown[:, 0] == 0).all() and (points[..., 2] == 0).all()
+    assert (centred[:, 0] == 0).all() and (points[..., 2] == 0).all()
 
 
 def test_arms_are_in_the_torsos_axes() -> None:
-    """Person and camera turned together change nothing but what is of the camera."""
+    """If person and camera turn together, only the camera's own values change."""
     from scipy.spatial.transform import Rotation
 
     seen = window()
@@ -88,7 +88,7 @@ def test_arms_are_in_the_torsos_axes() -> None:
     torch.testing.assert_close(network.points(seen._replace(arm=arm, torso=quaternion)), network.points(seen))
 
 
-def test_what_is_not_found_does_not_matter() -> None:
+def test_missing_points_do_not_change_the_prediction() -> None:
     network, seen = ArmNetwork(ArmNetworkConfig(more_inputs=True, **SMALL)).eval(), window()
     other = window(seed=1)
     changed = seen._replace(
@@ -100,8 +100,8 @@ def test_what_is_not_found_does_not_matter() -> None:
     torch.testing.assert_close(network(changed), network(seen))
 
 
-def test_what_is_lost_is_as_it_was() -> None:
-    """Beside a loop over frames."""
+def test_lost_points_keep_their_last_value() -> None:
+    """Compare with a loop over frames."""
     rng = np.random.default_rng(0)
     values, known = rng.standard_normal((3, 20, 2, 5)), rng.random((3, 20, 2)) < 0.4
     wanted = np.zeros_like(values)
@@ -118,8 +118,8 @@ def test_attention_is_pytorchs() -> None:
     layer, x = Attention(12, 3, 2, 0.0), torch.randn(4, 7, 12)
     read = layer.before(x)
     parts = (part.reshape(4, 7, 3, 4).transpose(1, 2) for part in (layer.ask(read), *layer.look(read).chunk(2, dim=-1)))
-    told = scaled_dot_product_attention(*parts).transpose(1, 2).reshape(4, 7, 12)
-    after = x + layer.tell(told)
+    attended = scaled_dot_product_attention(*parts).transpose(1, 2).reshape(4, 7, 12)
+    after = x + layer.tell(attended)
     wanted = after + layer.back(torch.relu(layer.forth(layer.between(after))))
     torch.testing.assert_close(layer(x), wanted)
     torch.testing.assert_close(layer(x, 1), wanted[:, :1])
@@ -145,7 +145,7 @@ def test_the_body_over_time_sees_every_frame() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "message"),
     [
         ({"width": 30}, "width 30 must be a multiple of 8 heads"),
         ({"kind": "cnn", "frames": 24}, "frames is 24; give at least 2, and a multiple of 16 for a cnn"),
@@ -154,8 +154,8 @@ def test_the_body_over_time_sees_every_frame() -> None:
         ({"from_palms": True}, "from_palms needs from_directions"),
     ],
 )
-def test_networks_that_cannot_be(change: dict[str, Any], said: str) -> None:
-    with pytest.raises(BodysenseError, match=said):
+def test_impossible_networks_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(BodysenseError, match=message):
         ArmNetworkConfig(**change)
 
 

@@ -14,7 +14,7 @@ from bodysense_lab.pahmt.features import PALM, palm_turns
 
 
 def flat_palms() -> np.ndarray:
-    """(2, 21, 3) m: hands at rest whose palm points lie in one plane; other points are not asked about."""
+    """(2, 21, 3) m: hands at rest whose palm points lie in one plane; other points are not used."""
     rest = np.asarray(forward_kinematics(rest_pose(default_skeleton()))[0])
     hands = []
     for side in SIDES:
@@ -35,7 +35,7 @@ def angle(found: torch.Tensor, wanted: Rotation) -> np.ndarray:
 
 
 @pytest.mark.parametrize("batch", [(), (6,), (3, 4)])
-def test_one_answer_is_the_turn_and_the_other_its_mirror_image_in_depth(batch: tuple[int, ...]) -> None:
+def test_one_solution_is_the_turn_and_the_other_its_mirror_image_in_depth(batch: tuple[int, ...]) -> None:
     rng = np.random.default_rng(len(batch))
     count = int(np.prod(batch, initial=1))
     turn = Rotation.random(2 * count, rng=rng)
@@ -52,16 +52,16 @@ def test_one_answer_is_the_turn_and_the_other_its_mirror_image_in_depth(batch: t
             flat_palms()[:, list(PALM)], (count, 1, 1)
         ).transpose(0, 2, 1)
         again -= again.mean(axis=-1, keepdims=True)
-        shown = picture[:, list(PALM)] - picture[:, list(PALM)].mean(axis=1, keepdims=True)
-        scale = np.linalg.norm(shown, axis=(1, 2)) / np.linalg.norm(again[:, :2], axis=(1, 2))
-        np.testing.assert_allclose(scale[:, None, None] * again[:, :2].transpose(0, 2, 1), shown, atol=2e-3)
+        centred = picture[:, list(PALM)] - picture[:, list(PALM)].mean(axis=1, keepdims=True)
+        scale = np.linalg.norm(centred, axis=(1, 2)) / np.linalg.norm(again[:, :2], axis=(1, 2))
+        np.testing.assert_allclose(scale[:, None, None] * again[:, :2].transpose(0, 2, 1), centred, atol=2e-3)
     fingers = Rotation.from_quat(both[:, 0], scalar_first=True).apply(
         np.tile((flat_palms()[:, list(PALM)][:, 1:].mean(axis=1) - flat_palms()[:, 0]), (count, 1))
     )
     assert (fingers[:, 2] > -1e-6).all()  # the first answer's lean toward the camera
 
 
-def test_a_hand_that_is_one_point_is_turned_somehow() -> None:
+def test_a_hand_of_one_point_has_a_finite_turn() -> None:
     hand = torch.zeros(3, 2, 21, 2)
     turns = palm_turns(hand)
     torch.testing.assert_close(turns.norm(dim=-1), torch.ones(3, 2, 2))

@@ -31,13 +31,13 @@ def quaternions(rotation: Rotation) -> np.ndarray:
 
 
 def test_rotation_errors_are_scipys() -> None:
-    said, truth = turns(1), turns(2)
+    predicted, truth = turns(1), turns(2)
     arms = [k for k, name in enumerate(ARM_JOINTS) if k not in FINGERS]
-    found = table_errors(quaternions(said), quaternions(truth), EVERY)
-    angle = np.degrees((truth.inv() * said).magnitude()).reshape(6, 38)
+    found = table_errors(quaternions(predicted), quaternions(truth), EVERY)
+    angle = np.degrees((truth.inv() * predicted).magnitude()).reshape(6, 38)
     np.testing.assert_allclose(found["arms_deg"], angle[:, arms], atol=1e-6)
     np.testing.assert_allclose(found["fingers_deg"], angle[:, list(FINGERS)], atol=1e-6)
-    component = np.abs(said.as_rotvec() - truth.as_rotvec()).mean(axis=-1).reshape(6, 38)
+    component = np.abs(predicted.as_rotvec() - truth.as_rotvec()).mean(axis=-1).reshape(6, 38)
     np.testing.assert_allclose(found["arms"], component[:, arms], atol=1e-9)
 
 
@@ -69,7 +69,7 @@ def test_rows_are_scored_and_reported(folder: Path, small_arms_weights: Path, tm
     assert census.clips == 1
     report = arm_report((scored, census), data)
     numbers = report.numbers
-    # The same weights see the same windows.
+    # Equal weights have equal errors on equal windows.
     for measure in ("hands_m", "overall_m", "arms"):
         assert numbers[f"ahmt_{measure}"] == numbers[f"pahmt_{measure}"] > 0
     assert numbers["ahmt_overall_cm"] == pytest.approx(100 * numbers["ahmt_overall_m"])

@@ -1,4 +1,4 @@
-"""Training of arms and hands: the losses, runs that go on, the table's networks."""
+"""Training of arms and hands: losses, resumed runs, and the networks of the table."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_po
 from bodysense_lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense_lab.pahmt.features import Window, window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
-from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, ArmTableTraining, Studio
+from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, ArmTableTraining, VideoSimulation
 from bodysense_lab.pahmt.recordings import ArmBatch, ArmRecordings, make_batch, read_arm_recordings
 from bodysense_lab.pahmt.task import ArmTask, Pair, arm_loss, batch_of, validate_arms
 from bodysense_lab.pahmt.train import row_run, run_table
@@ -44,31 +44,33 @@ def recordings(waving_clip: Clip) -> ArmRecordings:
 
 
 def batch(recordings: ArmRecordings, which: list[int]) -> ArmBatch:
-    return make_batch(recordings, recordings.windows(fingers=None), np.array(which), Studio(), np.random.default_rng(0))
+    return make_batch(
+        recordings, recordings.windows(fingers=None), np.array(which), VideoSimulation(), np.random.default_rng(0)
+    )
 
 
 @pytest.mark.parametrize("form", [{}, {"rotation": "6d"}, {"input": "hands"}])
-def test_the_truth_costs_its_own_movement_only(recordings: ArmRecordings, form: dict[str, Any]) -> None:
+def test_the_loss_of_the_truth_is_its_own_movement(recordings: ArmRecordings, form: dict[str, Any]) -> None:
     network, one = ArmNetwork(replace(CONFIG, **form)), batch(recordings, [0, 3])
     schedule = ArmSchedule(losses=("rotation", "smooth", "fk", "motion"), motion=1.0)
     truth = network.regressed(one.rotation[:, :, list(network.config.joints)])
     terms = arm_loss(network, truth, one, schedule)
     assert max(float(terms[name]) for name in ("rotation", "fk", "motion")) < 1e-4
-    moved = (truth[:, 1:] - truth[:, :-1]).abs().mean()
-    assert float(terms["smooth"]) == pytest.approx(float(moved), rel=1e-4) and moved > 1e-4
+    change = (truth[:, 1:] - truth[:, :-1]).abs().mean()
+    assert float(terms["smooth"]) == pytest.approx(float(change), rel=1e-4) and change > 1e-4
     noise = 0.1 * torch.randn(truth.shape, generator=torch.Generator().manual_seed(0))
     worse = arm_loss(network, truth + noise, one, schedule)
     assert all(float(worse[name]) > float(terms[name]) + 1e-3 for name in ("rotation", "smooth", "fk", "motion"))
     assert float(worse["rotation"]) == pytest.approx(0.1 * np.sqrt(2 / np.pi), rel=0.05)
 
 
-def test_what_was_not_recorded_teaches_nothing(recordings: ArmRecordings) -> None:
+def test_unrecorded_joints_get_no_gradient(recordings: ArmRecordings) -> None:
     network, one = ArmNetwork(CONFIG), batch(recordings, [-1])
     schedule = ArmSchedule(losses=("rotation", "smooth", "fk"))
-    said = network.regressed(one.rotation).clone().requires_grad_()
-    arm_loss(network, said + 0.1, one, schedule)["loss"].backward()
-    assert said.grad is not None
-    taught = (said.grad.abs().sum(dim=(0, 1, 3)) > 0).numpy()
+    predicted = network.regressed(one.rotation).clone().requires_grad_()
+    arm_loss(network, predicted + 0.1, one, schedule)["loss"].backward()
+    assert predicted.grad is not None
+    taught = (predicted.grad.abs().sum(dim=(0, 1, 3)) > 0).numpy()
     np.testing.assert_array_equal(taught, one.known[0].numpy())
 
 
@@ -79,8 +81,8 @@ def test_terms_are_switched_off(recordings: ArmRecordings) -> None:
     assert float(terms["loss"]) == pytest.approx(float(terms["rotation"] + terms["fk"]))
 
 
-def test_network_and_discriminator_learn_each_their_own(recordings: ArmRecordings) -> None:
-    """The discriminator learns to tell; what the network is to learn of it does not reach the discriminator."""
+def test_network_and_discriminator_have_separate_gradients(recordings: ArmRecordings) -> None:
+    """The discriminator learns to separate recorded from predicted motion; the network's term does not train it."""
     torch.manual_seed(0)
     pair, one = Pair(ArmNetwork(replace(CONFIG, dropout=0.0))), batch(recordings, [0, 5])
     schedule = ArmSchedule(losses=("fk", "gan"), fk=0.0, gan=1.0)
@@ -89,15 +91,17 @@ def test_network_and_discriminator_learn_each_their_own(recordings: ArmRecording
     assert any(parameter.grad.abs().max() > 0 for parameter in pair.network.parameters() if parameter.grad is not None)
     pair.zero_grad()
     with torch.no_grad(), layer_autocast(torch.device("cpu")):
-        said = pair.network(one.window).float()
-    logits = [pair.discriminator(each) for each in (pair.network.regressed(one.rotation), said)]
-    told = (torch.nn.functional.softplus(-logits[0]).mean() + torch.nn.functional.softplus(logits[1]).mean()) / 2
-    told.backward()
+        predicted = pair.network(one.window).float()
+    logits = [pair.discriminator(each) for each in (pair.network.regressed(one.rotation), predicted)]
+    discriminator_loss = (
+        torch.nn.functional.softplus(-logits[0]).mean() + torch.nn.functional.softplus(logits[1]).mean()
+    ) / 2
+    discriminator_loss.backward()
     for parameter, gradient in zip(pair.discriminator.parameters(), gradients, strict=True):
         torch.testing.assert_close(parameter.grad, gradient, atol=1e-5, rtol=1e-3)
 
 
-def test_the_network_is_to_be_taken_for_recorded(recordings: ArmRecordings) -> None:
+def test_the_adversarial_term_is_the_cross_entropy_of_recorded(recordings: ArmRecordings) -> None:
     """Its term is the cross-entropy of 'recorded' for its output: small if the discriminator is deceived.
 
     The term is added to the loss, with this sign.
@@ -124,7 +128,9 @@ def test_batches_are_those_of_their_step(recordings: ArmRecordings) -> None:
     assert torch.equal(one.window.hand, again.window.hand) and not torch.equal(one.window.hand, other.window.hand)
     assert one.known.all(dim=1).sum() == 2
     # In one epoch every window is drawn once.
-    order = [batch_of(recordings, windows, ArmSchedule(batch=4, studio=Studio(begun=0)), step) for step in (1, 2, 3)]
+    order = [
+        batch_of(recordings, windows, ArmSchedule(batch=4, studio=VideoSimulation(begun=0)), step) for step in (1, 2, 3)
+    ]
     first = torch.cat([one.rotation[:, 0].flatten(1) for one in order])
     assert len(torch.unique(first.abs().sort(dim=1).values.round(decimals=4), dim=0)) == 12
 
@@ -142,14 +148,14 @@ def test_a_run_learns(recordings: ArmRecordings, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_exported_file_says_what_the_network_says(
+def test_the_exported_file_predicts_as_the_network(
     small_arms: Path, small_arms_weights: Path, recordings: ArmRecordings
 ) -> None:
     from bodysense.devices.video.arms import load_arms
 
     network, _ = read_arms(small_arms_weights)
     window = batch(recordings, [4]).window
-    with torch.no_grad():  # once as it is, once in a mirror
+    with torch.no_grad():  # plain and mirrored
         straight, turned = (network.quaternions(network(one)) for one in (window, mirrored(window)))
         turned = mirrored_rotations(turned)
         alike = torch.where((straight * turned).sum(dim=-1, keepdim=True) < 0, -turned, turned)

@@ -63,20 +63,22 @@ def test_a_forearm_may_be_twisted_at_the_elbow_or_at_the_wrist() -> None:
 def test_a_swing_is_no_twist() -> None:
     """A forearm that is straight at rest and bends about an axis across it keeps its twist."""
     truth = arm_rotations(rest_pose(SKELETON, (3,)))
-    said = truth.copy()
-    said[:, ARM_JOINTS.index("left_elbow")] = quaternions(Rotation.from_rotvec(np.outer([0.3, -1.0, 1.5], [0, 1, 0])))
-    assert twist_errors(said, truth, SKELETON)["forearm_twist_deg"] == pytest.approx(np.zeros((3, 2)), abs=1e-5)
+    predicted = truth.copy()
+    predicted[:, ARM_JOINTS.index("left_elbow")] = quaternions(
+        Rotation.from_rotvec(np.outer([0.3, -1.0, 1.5], [0, 1, 0]))
+    )
+    assert twist_errors(predicted, truth, SKELETON)["forearm_twist_deg"] == pytest.approx(np.zeros((3, 2)), abs=1e-5)
 
 
 def test_batches_are_their_parts() -> None:
-    said, truth = random_arms(2, 6), random_arms(3, 6)
-    whole = twist_errors(said, truth, SKELETON)
-    parts = twist_errors(said.reshape(2, 3, -1, 4), truth.reshape(2, 3, -1, 4), SKELETON)
+    predicted, truth = random_arms(2, 6), random_arms(3, 6)
+    whole = twist_errors(predicted, truth, SKELETON)
+    parts = twist_errors(predicted.reshape(2, 3, -1, 4), truth.reshape(2, 3, -1, 4), SKELETON)
     for name, values in whole.items():
         assert parts[name] == pytest.approx(values.reshape(2, 3, 2))
 
 
-def test_nothing_is_wrong_with_the_truth() -> None:
+def test_the_truth_has_no_error() -> None:
     truth = random_arms(4)
     for values in arm_errors(truth, -truth, SKELETON).values():  # −q is the same turn
         assert np.abs(values).max() < 1e-4
@@ -84,9 +86,9 @@ def test_nothing_is_wrong_with_the_truth() -> None:
 
 def test_an_arm_that_is_wrong_moves_its_hand_but_not_its_fingers() -> None:
     truth = arm_rotations(rest_pose(SKELETON, (1,)))
-    said, turn = truth.copy(), np.radians(60.0)
-    said[:, ARM_JOINTS.index("left_elbow")] = quaternions(Rotation.from_euler("y", turn))
-    errors = arm_errors(said, truth, SKELETON)
+    predicted, turn = truth.copy(), np.radians(60.0)
+    predicted[:, ARM_JOINTS.index("left_elbow")] = quaternions(Rotation.from_euler("y", turn))
+    errors = arm_errors(predicted, truth, SKELETON)
     assert errors["hands_cm"].max() < 1e-9
     lengths = np.linalg.norm(SKELETON.rest_offset[SKELETON.indices(["left_wrist"])])
     moved = errors["overall_cm"][errors["overall_cm"] > 1e-9]
@@ -97,16 +99,16 @@ def test_an_arm_that_is_wrong_moves_its_hand_but_not_its_fingers() -> None:
 
 def test_a_wrong_finger_is_wrong_in_the_hand() -> None:
     truth = random_arms(5, 2)
-    said = truth.copy()
-    said[:, ARM_JOINTS.index("right_index3")] = quaternions(Rotation.random(rng=np.random.default_rng(1)))
-    errors = arm_errors(said, truth, SKELETON)
+    predicted = truth.copy()
+    predicted[:, ARM_JOINTS.index("right_index3")] = quaternions(Rotation.random(rng=np.random.default_rng(1)))
+    errors = arm_errors(predicted, truth, SKELETON)
     assert (errors["hands_cm"] > 1e-6).sum() == 2, "a tip a frame"
     assert (errors["overall_cm"] > 1e-6).sum() == 2
     assert errors["arms_deg"].max() < 1e-4
 
 
 def test_positions_leave_the_twist_of_a_straight_arm_open(waving_clip: Clip) -> None:
-    """The forearm's is found where the hand tells it; shoulders that twist under straight arms are not."""
+    """The hand determines the forearm's twist; nothing determines the twist of shoulders above straight arms."""
     pose = waving_clip.pose[:12]
     arms = arm_rotations(pose).copy()
     for side in ("left", "right"):

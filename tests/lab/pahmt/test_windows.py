@@ -1,4 +1,4 @@
-"""Filmed windows: what the networks of arms and hands learn from."""
+"""Training windows of the networks of arms and hands."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.augment import mirrored
 from bodysense_lab.pahmt.camera_view import FRONT, view_points
-from bodysense_lab.pahmt.options import Studio
+from bodysense_lab.pahmt.options import VideoSimulation
 from bodysense_lab.pahmt.recordings import ArmRecordings, arm_positions, film, make_batch, read_arm_recordings
 
-PLAIN = Studio(cameras=FRONT, keypoints="perfect", mirrored=False, begun=0.0)
+PLAIN = VideoSimulation(cameras=FRONT, keypoints="perfect", mirrored=False, begun=0.0)
 
 
 @pytest.fixture(scope="module")
 def recordings(waving_clip: Clip) -> ArmRecordings:
-    """The clip, and the same without hands."""
+    """The waving clip with and without hands."""
     return read_arm_recordings([waving_clip, replace(waving_clip, name="bare", has_fingers=False)])
 
 
@@ -43,14 +43,14 @@ def test_windows_are_of_clips_with_hands(recordings: ArmRecordings) -> None:
         replace(recordings, length=np.array([31, 31])).windows()
 
 
-def test_a_varied_clip_is_another_with_the_same_legs(waving_clip: Clip) -> None:
+def test_an_augmented_clip_has_other_arms_and_the_same_legs(waving_clip: Clip) -> None:
     more = read_arm_recordings([waving_clip], bodies=3, rng=np.random.default_rng(0))
     assert len(more) == 3 and len(np.unique(more.points[::90, 0, 1, 0])) == 3
     apart = geodesic_angle(more.rotation.reshape(3, 90, -1, 4)[1:], more.rotation[:90])
     assert 0.02 < apart.mean() < 1.0
 
 
-def test_what_begins_late_stood_still_before(recordings: ArmRecordings) -> None:
+def test_windows_at_the_beginning_repeat_the_first_frame(recordings: ArmRecordings) -> None:
     windows = recordings.windows()
     keypoints, truth = film(recordings, windows, np.arange(8), replace(PLAIN, begun=1.0), np.random.default_rng(0))
     moves = np.asarray((np.abs(np.diff(keypoints.hand, axis=1)) > 0).any(axis=(2, 3, 4)))
@@ -60,8 +60,8 @@ def test_what_begins_late_stood_still_before(recordings: ArmRecordings) -> None:
         assert moves[row, first:].all() and (truth[row, : first + 1] == truth[row, 0]).all()
 
 
-def test_a_mirror_is_that_of_the_motion(recordings: ArmRecordings, waving_clip: Clip) -> None:
-    """Windows that are turned round in a mirror are windows of the clip that was."""
+def test_mirrored_windows_are_those_of_the_mirrored_clip(recordings: ArmRecordings, waving_clip: Clip) -> None:
+    """Each mirrored window equals the window of the mirrored clip."""
     other = read_arm_recordings([mirrored(waving_clip)])
     windows, which = recordings.windows(), np.zeros(12, dtype=int)
     keypoints, truth = film(recordings, windows, which, replace(PLAIN, mirrored=True), np.random.default_rng(0))
@@ -74,10 +74,11 @@ def test_a_mirror_is_that_of_the_motion(recordings: ArmRecordings, waving_clip: 
         np.testing.assert_allclose(same, 1, atol=1e-5)
 
 
-def test_batches_say_what_is_known_and_are_those_of_their_seed(recordings: ArmRecordings) -> None:
+def test_batches_mark_known_joints_and_depend_on_the_seed_alone(recordings: ArmRecordings) -> None:
     windows = recordings.windows(fingers=None)
     first, again = (
-        make_batch(recordings, windows, np.array([0, -1]), Studio(), np.random.default_rng(3)) for _ in range(2)
+        make_batch(recordings, windows, np.array([0, -1]), VideoSimulation(), np.random.default_rng(3))
+        for _ in range(2)
     )
     assert first.known[0].all() and first.known[1].sum() == 6
     assert {ARM_JOINTS[k] for k in np.flatnonzero(first.known[1])} == {

@@ -1,4 +1,4 @@
-"""Cyclic coordinate descent: it reaches what can be reached, as near as anything could, and keeps limits."""
+"""Cyclic coordinate descent: it reaches goals, or the nearest possible point, and keeps limits."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ def test_without_limits_tips_reach_every_place_that_fingers_reach(hand: Skeleton
     low, high = limits()
     angles = np.random.default_rng(1).uniform(low, high, (40, 26))
     true, tips = posed(hand, angles), hand.indices([f"{finger}_tip" for finger in FINGERS])
-    told = solve_fingers(hand, true[:, tips], rounds=200)
-    missed = np.linalg.norm(told[:, tips] - true[:, tips], axis=-1)
+    solved = solve_fingers(hand, true[:, tips], rounds=200)
+    missed = np.linalg.norm(solved[:, tips] - true[:, tips], axis=-1)
     assert missed.mean() < 1e-3
     bones = [[hand.index(f"{finger}{k}") for k in ("1", "2", "3", "_tip")] for finger in FINGERS]
-    lengths = np.linalg.norm(np.diff(told[:, bones], axis=2), axis=-1)
+    lengths = np.linalg.norm(np.diff(solved[:, bones], axis=2), axis=-1)
     assert np.allclose(lengths, np.linalg.norm(hand.rest_offset[bones][:, 1:], axis=-1))
 
 
-def test_a_tip_that_is_there_already_does_not_move(hand: Skeleton) -> None:
+def test_a_tip_at_its_goal_does_not_move(hand: Skeleton) -> None:
     rest = hand.path @ hand.rest_offset
     tips = hand.indices([f"{finger}_tip" for finger in FINGERS])
     for bounds in (None, FingerLimits()):
         assert np.allclose(solve_fingers(hand, rest[None, tips], bounds), rest, atol=1e-9)
 
 
-def test_what_is_out_of_reach_is_pointed_at_with_a_straight_finger(hand: Skeleton) -> None:
+def test_a_straight_finger_points_at_a_goal_out_of_reach(hand: Skeleton) -> None:
     rest = hand.path @ hand.rest_offset
     bases = rest[hand.indices([f"{finger}1" for finger in FINGERS])]
     goal = bases + np.array([0.2, -0.3, 0.05])
-    told = solve_fingers(hand, goal[None], rounds=100)[0]
-    tips = told[hand.indices([f"{finger}_tip" for finger in FINGERS])]
+    solved = solve_fingers(hand, goal[None], rounds=100)[0]
+    tips = solved[hand.indices([f"{finger}_tip" for finger in FINGERS])]
     reach = [
         sum(np.linalg.norm(hand.rest_offset[hand.indices([f"{f}2", f"{f}3", f"{f}_tip"])], axis=1)) for f in FINGERS
     ]
@@ -58,11 +58,11 @@ def test_limits_are_kept(hand: Skeleton) -> None:
     bounds = FingerLimits()
     goal = (hand.path @ hand.rest_offset)[hand.indices([f"{finger}1" for finger in FINGERS])]
     goal = goal + np.random.default_rng(2).uniform(-0.09, 0.09, (60, 5, 3))
-    told = solve_fingers(hand, goal, bounds)
+    solved = solve_fingers(hand, goal, bounds)
     basis = Rotation.from_quat(np.roll(np.array(joint_bases()), -1, axis=1))
     for place, finger in enumerate(FINGERS):
         chain = hand.indices([f"{finger}{k}" for k in ("1", "2", "3", "_tip")])
-        vectors = np.diff(told[:, chain], axis=1)
+        vectors = np.diff(solved[:, chain], axis=1)
         rest = hand.rest_offset[chain][1:]
         for k in (1, 2):  # hinges: the angle between bones is at most that at rest and the hinge's range
             between = np.degrees(_angle(vectors[:, k - 1], vectors[:, k]))
@@ -77,7 +77,7 @@ def test_limits_are_kept(hand: Skeleton) -> None:
         )
 
 
-def test_one_hinge_is_as_near_as_scipy_brings_it(hand: Skeleton) -> None:
+def test_one_hinge_is_as_near_as_scipys_optimum(hand: Skeleton) -> None:
     """With base joints held, both hinges of a finger against a search over their angles from many starts."""
     bounds = FingerLimits(flexion=1e-9, abduction=1e-9, twist=1e-9)
     low, high = np.radians(bounds.hinge)
@@ -96,8 +96,8 @@ def test_one_hinge_is_as_near_as_scipy_brings_it(hand: Skeleton) -> None:
     rest = (hand.path @ hand.rest_offset)[hand.indices([f"{finger}_tip" for finger in FINGERS])]
     every = np.repeat(rest[None], len(goals), axis=0)
     every[:, FINGERS.index("index")] = goals
-    told = solve_fingers(hand, every, bounds, rounds=200)[:, chain[-1]]
-    for goal, ours in zip(goals, told, strict=True):
+    solved = solve_fingers(hand, every, bounds, rounds=200)[:, chain[-1]]
+    for goal, ours in zip(goals, solved, strict=True):
         missed = partial(lambda goal, angles: tip(angles) - goal, goal)
         starts = rng.uniform(low, high, (3, 2))
         best = min(np.linalg.norm(least_squares(missed, start, bounds=(low, high)).fun) for start in starts)

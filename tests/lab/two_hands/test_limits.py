@@ -43,7 +43,7 @@ def still(x: float, angles: np.ndarray, frames: int = 4) -> HandPair:
     return HandPair(Pose(HAND, root, rotation), Pose(HAND, root, rotation))
 
 
-def test_hands_apart_stand_in_nothing() -> None:
+def test_hands_apart_do_not_penetrate() -> None:
     findings = Findings()
     count_penetration(findings, "truth", still(0.3, np.zeros(26)))
     numbers = findings.numbers()
@@ -51,7 +51,7 @@ def test_hands_apart_stand_in_nothing() -> None:
     assert "any_penetration_mm_truth" not in numbers  # the mean of nothing
 
 
-def test_hands_in_each_other_are_counted() -> None:
+def test_penetrating_hands_are_counted() -> None:
     findings = Findings()
     count_penetration(findings, "truth", still(-0.05, np.zeros(26)))  # palms through each other
     count_penetration(findings, "truth", still(0.3, np.zeros(26), frames=12))
@@ -84,12 +84,12 @@ def test_a_touch_is_kept_or_lost() -> None:
 
 def test_a_jump_is_a_step_that_the_truth_does_not_make() -> None:
     true = np.zeros((10, 2, 21, 3))
-    true[5:, ..., 2] = 0.02  # everything moves at once, and so it is told
-    told = true.copy()
-    told[4:, 1, 7] += [0.0, 0.006, 0.008]
-    told[7:, 0, 3, 0] += 0.004
+    true[5:, ..., 2] = 0.02  # everything moves at once, also in the prediction
+    predicted = true.copy()
+    predicted[4:, 1, 7] += [0.0, 0.006, 0.008]
+    predicted[7:, 0, 3, 0] += 0.004
     findings = Findings()
-    count_jumps(findings, "after", told, true)
+    count_jumps(findings, "after", predicted, true)
     numbers = findings.numbers()
     assert numbers["jump_share_after"] == numbers["error_step_share_after"] == pytest.approx(1 / 9)
     assert numbers["largest_jump_mm_after"] == numbers["largest_error_step_mm_after"] == pytest.approx(10.0)
@@ -110,7 +110,7 @@ def test_findings_add_up() -> None:
     assert one.numbers() == {"a": 3.0, "b": 0.75, "c": 3.0}
 
 
-def test_a_recording_is_measured_and_told() -> None:
+def test_a_recording_is_measured_and_reported() -> None:
     pair = synthesised_pair((0, 1), seconds=0.5)
     models = GloveModels(Nothing(27), Nothing(26))
     found = measure_pair(pair, models, CameraRing(), np.random.default_rng(0))
@@ -127,7 +127,7 @@ def test_a_recording_is_measured_and_told() -> None:
     assert any("Jumps above 5 mm" in remark for remark in report.remarks)
 
 
-def test_hands_of_the_synthesiser_are_of_some_size() -> None:
+def test_synthesised_hands_differ_in_shape() -> None:
     one, other = (synthesised_pair((3, piece), seconds=0.2) for piece in (0, 1))
     assert not np.allclose(one.left.skeleton.rest_offset, other.left.skeleton.rest_offset)
     assert points_of(one).shape == (len(one.time), 2, 21, 3)

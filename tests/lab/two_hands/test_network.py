@@ -1,4 +1,4 @@
-"""Networks of a glove: what they read, what they start from, and what an exported one has folded in."""
+"""Networks of a glove: inputs, initial weights, and the folded layers of exported ones."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_folded_layers_of_angles_answer_as_the_network(config: JointNetworkConfi
     assert torch.allclose(network.folded()(network.raw(*read)), network(*read), atol=1e-5)
 
 
-def test_a_hidden_marker_is_read_as_such_and_not_as_one_at_the_template(read: tuple[Tensor, Tensor]) -> None:
+def test_a_hidden_marker_differs_from_one_at_the_template(read: tuple[Tensor, Tensor]) -> None:
     markers, hand = read
     shape, _ = typical_hand()
     network = MarkerNetwork(MarkerNetworkConfig((16,)))
@@ -66,7 +66,7 @@ def test_the_typical_hand_on_the_template_reads_as_zeros() -> None:
     assert features[0, -1] == 1
 
 
-def test_a_hand_that_is_not_known_reads_as_none(read: tuple[Tensor, Tensor]) -> None:
+def test_an_unknown_hand_reads_as_zeros(read: tuple[Tensor, Tensor]) -> None:
     features = MarkerNetwork(MarkerNetworkConfig((16,))).features(*read)
     assert not features[2, 36:].any()
     assert features[[0, 1, 3], -1].all()

@@ -40,7 +40,7 @@ def looped_spans(seen: np.ndarray, rate: float) -> list[float]:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.97, 1.0])
-def test_counting_is_what_loops_count(share: float) -> None:
+def test_counts_equal_those_of_plain_loops(share: float) -> None:
     seen = np.random.default_rng(0).random((400, 9)) >= share
     found = count_hidden(seen, 50.0)
     np.testing.assert_allclose(np.sort(found.spans), np.sort(looped_spans(seen, 50.0)))
@@ -69,9 +69,9 @@ def test_nothing_hidden_has_no_spans() -> None:
 def test_clips_are_counted_by_category_and_those_without_fingers_left_out(waving_clip: Clip) -> None:
     short = replace(waving_clip, pose=waving_clip.pose[:12])
     clips = [replace(short, category="sit"), replace(short, category="sport"), replace(short, has_fingers=False)]
-    told: list[Clip] = []
-    counted, census = over_clips(partial(count_pair, cameras=RING), clips, 1, told.append)
-    assert sorted(counted) == ["main", "sport"] and len(told) == 3 and census.clips == 2
+    advanced: list[Clip] = []
+    counted, census = over_clips(partial(count_pair, cameras=RING), clips, 1, advanced.append)
+    assert sorted(counted) == ["main", "sport"] and len(advanced) == 3 and census.clips == 2
     for settings in counted.values():
         assert settings["both"].at_once.shape == (19,) and settings["one"].at_once.shape == (10,)
         # Each hand is counted by itself, both together for half as long.
@@ -110,9 +110,9 @@ def test_the_command_writes_table_picture_and_numbers(tmp_path: Path) -> None:
 
 def test_bad_options_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = ["--out", str(tmp_path)]
-    for options, said in (
+    for options, message in (
         (["--cameras", "1"], "2 of 1 cameras"),
         (["--data", str(tmp_path / "none")], "no such folder"),
     ):
         assert main(["evaluate", "gloves-occlusion", *options, *out]) == 2
-        assert said in capsys.readouterr().err
+        assert message in capsys.readouterr().err

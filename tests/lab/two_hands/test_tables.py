@@ -1,4 +1,4 @@
-"""Tables 3 and 4 of two-hands: what trials are, that errors are of what is hidden, and what the reports hold."""
+"""Tables 3 and 4 of two-hands: trials, errors of hidden markers, and reports."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def test_trials_are_stretches_of_the_motion(motion: HandMotion) -> None:
     assert cut([short], 30, np.random.default_rng(2)) is None
 
 
-def test_errors_of_the_last_known_position_are_how_far_the_hidden_markers_went(motion: HandMotion) -> None:
+def test_errors_of_the_last_known_position_are_the_distances_moved(motion: HandMotion) -> None:
     trials = cut([motion], 30, np.random.default_rng(2))
     assert trials is not None
     hidden = hide_some(len(trials), 2, np.random.default_rng(3))
@@ -64,8 +64,8 @@ def test_errors_of_the_last_known_position_are_how_far_the_hidden_markers_went(m
         assert np.isnan(errors[row][~inside]).all()
 
 
-def test_nothing_is_missed_of_fingers_by_a_network_that_knows_them(motion: HandMotion) -> None:
-    """Through the run time: true angles and true markers give true joints, hidden markers or not."""
+def test_a_perfect_network_has_no_error_of_fingers(motion: HandMotion) -> None:
+    """With true angles and true markers, the solver gives true joints, hidden markers or not."""
     from bodysense.body.hand import angles_of
 
     trials = cut([motion], 40, np.random.default_rng(2))
@@ -106,8 +106,8 @@ def test_reports_hold_the_figures_and_the_published_ones(untrained_gloves: Path,
     assert report.numbers["ratio_2_0.5"] == pytest.approx(ratio)
     assert published_ratio(1, 0.1) == pytest.approx(0.56 / 1.54)
     assert published_ratio(4, 2.0) == pytest.approx(2.72 / 8.06)
-    shown = next(row for row in report.rows if row[1] == "affine combination" and row[2] == "4")
-    assert shown[-5:] == (1.66, 2.68, 4.06, 5.34, 5.45)
+    row = next(row for row in report.rows if row[1] == "affine combination" and row[2] == "4")
+    assert row[-5:] == (1.66, 2.68, 4.06, 5.34, 5.45)
 
     fingers = finger_report(GloveTable(measure_fingers(task, markers, joints, stride=60), Census(), None, 1))
     wanted = {"ik_cm", "ik_tuned_cm", "nn_0_cm", *(f"nn_{n}_{d:.1f}_cm" for n in HIDDEN for d in DURATIONS)}
@@ -129,7 +129,7 @@ def test_synthesised_hands_have_keys_of_their_own_beside_recorded_ones() -> None
     assert numbers["lk_1_0.1_cm_synthesised"] == 2.0
 
 
-def test_means_merge_as_if_they_had_been_one() -> None:
+def test_merged_means_equal_means_of_all() -> None:
     one, other, both = HandErrors(), HandErrors(), HandErrors()
     for means in (one, both):
         means.add(("a",), np.array([1.0, 2.0, np.nan]))
@@ -140,7 +140,7 @@ def test_means_merge_as_if_they_had_been_one() -> None:
     assert np.isnan(one.mean("b"))
 
 
-def test_packaged_networks_do_what_the_paper_s_do(motion: HandMotion) -> None:
+def test_packaged_networks_are_as_exact_as_the_papers(motion: HandMotion) -> None:
     """Bounds are the paper's figures of its own people (Tables 3 and 4), at 0.1 s."""
     trials = cut([motion], 20, np.random.default_rng(2))
     assert trials is not None

@@ -1,4 +1,4 @@
-"""Training of a glove's networks: what is drawn, that losses fall, that a run goes on as the run it was."""
+"""Training of a glove's networks: drawn batches, falling losses, and resumed runs."""
 
 from __future__ import annotations
 
@@ -84,14 +84,14 @@ def test_joined_motions_keep_their_own_hands(frames: GloveFrames, motion: HandMo
         join([])
 
 
-def test_as_many_markers_are_hidden_as_the_share_says() -> None:
+def test_numbers_of_hidden_markers_follow_their_shares() -> None:
     hidden = hide(20_000, (0.70, 0.17, 0.08, 0.05), np.random.default_rng(1))
     counts = np.bincount(hidden.sum(axis=1), minlength=5)[1:] / len(hidden)
     assert np.allclose(counts, [0.70, 0.17, 0.08, 0.05], atol=0.01)
     assert np.allclose(hidden.mean(axis=0), hidden.mean(), atol=0.02)  # every marker as often
 
 
-def test_markers_are_registered_by_those_that_are_known_as_scipy_does(frames: GloveFrames, hand: Skeleton) -> None:
+def test_registration_by_known_markers_equals_scipy(frames: GloveFrames, hand: Skeleton) -> None:
     from scipy.spatial.transform import Rotation
 
     markers = frames.markers[[0, 100]].astype(float)
@@ -118,7 +118,7 @@ def test_drawn_frames_are_of_one_motion_with_the_same_markers_hidden(frames: Glo
     assert torch.equal(drawn.seen, again.seen)
 
 
-def test_true_angles_put_fingers_where_they_are(frames: GloveFrames) -> None:
+def test_true_angles_give_the_true_points_of_fingers(frames: GloveFrames) -> None:
     """The angles of a synthesised hand determine its finger points; the finger rotation is the identity."""
     points = finger_points(torch.from_numpy(frames.angles), *_of(frames))
     assert np.allclose(points, frames.points, atol=1e-5)
@@ -139,7 +139,7 @@ def test_a_turned_finger_points_at_its_marker(frames: GloveFrames) -> None:
         assert cosine.min() > 1 - 1e-5
 
 
-def test_what_the_joint_network_reads_does_not_depend_on_where_the_hand_is(frames: GloveFrames) -> None:
+def test_inputs_of_the_joint_network_do_not_depend_on_the_place_of_the_hand(frames: GloveFrames) -> None:
     rows = np.arange(20)
     markers, points, flat = frames.markers[rows], frames.points[rows], frames.template[frames.motion[rows]]
     here, joints = in_hand(markers, points, flat)
@@ -155,16 +155,16 @@ def _of(frames: GloveFrames) -> tuple[torch.Tensor, torch.Tensor]:
     return torch.from_numpy(frames.rest[frames.motion]), torch.from_numpy(frames.axes[frames.motion])
 
 
-def test_shapes_are_told_exactly_with_an_error_or_not_at_all(motion: HandMotion) -> None:
+def test_shapes_are_exact_or_have_an_error_or_are_unknown(motion: HandMotion) -> None:
     worn = draw_hand(np.random.default_rng(8))
     frames = frames_of(motion, worn)
-    told = draw_shapes(frames, np.zeros(4000, dtype=int), np.random.default_rng(1))
-    exact = np.abs(told.rest - frames.rest).max(axis=(1, 2)) < 1e-6
-    nothing = ~told.shape.any(axis=1)
+    shapes = draw_shapes(frames, np.zeros(4000, dtype=int), np.random.default_rng(1))
+    exact = np.abs(shapes.rest - frames.rest).max(axis=(1, 2)) < 1e-6
+    nothing = ~shapes.shape.any(axis=1)
     assert exact.mean() == pytest.approx(EXACT, abs=0.03)
     assert nothing.mean() == pytest.approx(UNKNOWN, abs=0.03)
-    assert np.allclose(told.shape[exact], known_shapes([worn.skeleton], [worn.glove])[0], atol=1e-6)
-    assert np.allclose(told.scale[exact], 1.0)
+    assert np.allclose(shapes.shape[exact], known_shapes([worn.skeleton], [worn.glove])[0], atol=1e-6)
+    assert np.allclose(shapes.scale[exact], 1.0)
 
 
 @pytest.mark.slow
@@ -188,7 +188,7 @@ def test_losses_fall(name: str, frames: GloveFrames, tmp_path: Path) -> None:
     assert task.validate(task.network) == pytest.approx(figures, rel=1e-5)  # the best weights are in it
 
 
-def test_the_learning_rate_is_halved_where_nothing_gets_better(frames: GloveFrames, tmp_path: Path) -> None:
+def test_the_learning_rate_is_halved_without_progress(frames: GloveFrames, tmp_path: Path) -> None:
     class Stuck(GloveTask):
         def loss(self, batch: np.random.Generator, memory: None) -> tuple[dict[str, torch.Tensor], None]:
             return {"loss": sum((p.sum() * 0 for p in self.network.parameters()), torch.zeros(()))}, None
@@ -204,7 +204,7 @@ def test_the_learning_rate_is_halved_where_nothing_gets_better(frames: GloveFram
 
 
 @pytest.mark.parametrize("name", ["markers", "joints"])
-def test_the_file_answers_as_the_network_for_any_number_of_hands(
+def test_the_file_predicts_as_the_network_for_any_number_of_hands(
     name: str, frames: GloveFrames, tmp_path: Path
 ) -> None:
     torch.manual_seed(0)
@@ -221,10 +221,10 @@ def test_the_file_answers_as_the_network_for_any_number_of_hands(
         hand = torch.from_numpy(shape)
         with torch.no_grad():
             expected = network.eval()(markers, hand).numpy()
-        told = loaded.run(markers.numpy(), hand.numpy())
-        assert told.shape == expected.shape
+        shapes = loaded.run(markers.numpy(), hand.numpy())
+        assert shapes.shape == expected.shape
         # Half precision of weights, of numbers of the size of 0.1 m and of 0.5 rad.
-        assert np.abs(told - expected).max() < (2e-4 if name == "markers" else 4e-3)
+        assert np.abs(shapes - expected).max() < (2e-4 if name == "markers" else 4e-3)
 
 
 def default_hand() -> Skeleton:

@@ -10,10 +10,10 @@ import torch
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
-from bodysense_lab.unoc.episodes import Episode, Variation, make_episode
+from bodysense_lab.unoc.body_sequences import Augmentation, BodySequence, make_body_sequence
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
 
-# Without layers of the fingers' own and their dropout, so that few steps tell.
+# Without layers of the fingers' own and their dropout, so that few steps suffice.
 SMALL = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=None, judge_branch=(16,))
 
 
@@ -24,12 +24,12 @@ def network() -> BodyNetwork:
 
 
 @pytest.fixture(scope="session")
-def few_episodes(waving_clip: Clip) -> list[Episode]:
-    """The waving clip as it is, mirrored, and without fingers."""
+def few_sequences(waving_clip: Clip) -> list[BodySequence]:
+    """The waving clip plain, mirrored, and without fingers."""
     rng, network = np.random.default_rng(0), BodyNetwork(SMALL, default_skeleton())
     bare = replace(waving_clip, name="bare", has_fingers=False)
     return [
-        make_episode(waving_clip, network, Variation(), rng),
-        make_episode(waving_clip, network, Variation(mirrored=True), rng),
-        make_episode(bare, network, Variation(limb_spread=0.05, hand_dropouts_per_minute=20), rng),
+        make_body_sequence(waving_clip, network, Augmentation(), rng),
+        make_body_sequence(waving_clip, network, Augmentation(mirrored=True), rng),
+        make_body_sequence(bare, network, Augmentation(limb_spread=0.05, hand_dropouts_per_minute=20), rng),
     ]

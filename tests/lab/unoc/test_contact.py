@@ -21,7 +21,7 @@ def turned(degrees: dict[str, tuple[float, float, float]]) -> Pose:
 
 
 def both_sides(degrees: dict[str, tuple[float, float, float]]) -> dict[str, tuple[float, float, float]]:
-    """The same turns on the left and, mirrored, on the right."""
+    """Turns on the left side and, mirrored, on the right."""
     right = {name: (x, -y, -z) for name, (x, y, z) in degrees.items()}
     return {f"left_{name}": turn for name, turn in degrees.items()} | {f"right_{name}": t for name, t in right.items()}
 

@@ -32,7 +32,7 @@ def sets(data: DataSet) -> list[DataSet]:
     return [replace(data, name=name) for name in ("UNOC", "CMU")]
 
 
-def test_published_figures_stand_under_what_they_were_tested_on() -> None:
+def test_published_figures_are_under_their_test_set() -> None:
     """Rows are the test sets: the input is that of the set, and the diagonal the least of its row."""
     assert PUBLISHED_BODY["", "UNOC"] == (15.9, 9.6), "Table 2's last known position"
     assert PUBLISHED_BODY["UNOC", "UNOC"] == (9.3, 5.9), "Table 2's GRU"

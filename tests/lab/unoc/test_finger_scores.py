@@ -48,13 +48,13 @@ def test_examples_are_the_frames_and_their_mirror_images(examples: Examples, wav
 
 def test_the_nearest_is_the_nearest(examples: Examples) -> None:
     rng = np.random.default_rng(0)
-    asked = examples.features[rng.integers(len(examples.features), size=40)]
-    asked = (asked + rng.normal(scale=0.05, size=asked.shape)).astype(np.float32)
-    _, place = KDTree(examples.features).query(asked)
-    np.testing.assert_array_equal(examples.nearest(asked), examples.hand[place])
+    queries = examples.features[rng.integers(len(examples.features), size=40)]
+    queries = (queries + rng.normal(scale=0.05, size=queries.shape)).astype(np.float32)
+    _, place = KDTree(examples.features).query(queries)
+    np.testing.assert_array_equal(examples.nearest(queries), examples.hand[place])
 
 
-def test_features_do_not_care_where_the_body_faces_or_how_tall_it_is(waving_clip: Clip) -> None:
+def test_features_do_not_depend_on_heading_and_height(waving_clip: Clip) -> None:
     pose = waving_clip.pose
     turn = Rotation.from_rotvec([0, 1.2, 0])
     rotation = pose.rotation.copy()

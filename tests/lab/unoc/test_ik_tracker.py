@@ -30,7 +30,7 @@ HEAD = SKELETON.index("head")
 
 @dataclass(frozen=True)
 class Repeat:
-    """An estimator that says what it is shown, everywhere."""
+    """An estimator that returns the observed positions."""
 
     skeleton: Skeleton = SKELETON
 
@@ -42,7 +42,7 @@ class Repeat:
         return PointEstimate(self.skeleton, position, np.zeros(seen.shape), np.full(seen.shape, 0.001)), None
 
 
-def shown(pose: Pose, time: np.ndarray) -> Observation:
+def observed(pose: Pose, time: np.ndarray) -> Observation:
     """Every point of poses (T, …), and the head's orientation."""
     position, rotation = forward_kinematics(pose)
     turned = np.full((*position.shape[:-1], 4), np.nan)
@@ -129,15 +129,15 @@ def test_the_tracker_smooths_a_jump_by_its_half_life() -> None:
     settings = IkTrackerSettings(half_life=0.02, ik=IkSettings(tolerance=1e-7))
     tracker = IkTracker(Repeat(), settings)
     before, after = bent(0.0), bent(0.6)
-    start, _, state = tracker.step(shown(still(before, 30), np.arange(30) / 100), tracker.start())
-    poses, _, _ = tracker.step(shown(still(after, 60), 0.3 + np.arange(60) / 100), state)
+    start, _, state = tracker.step(observed(still(before, 30), np.arange(30) / 100), tracker.start())
+    poses, _, _ = tracker.step(observed(still(after, 60), 0.3 + np.arange(60) / 100), state)
     begin, middle, end = start.root_position[-1], poses.root_position[1], poses.root_position[-1]
     np.testing.assert_allclose(middle, (begin + end) / 2, atol=1e-4)
     np.testing.assert_allclose(end, after.root_position, atol=1e-3)
 
 
 def test_whole_motion_comes_back_when_all_is_seen(waving_clip: Clip) -> None:
-    observation = shown(waving_clip.pose, waving_clip.time)
+    observation = observed(waving_clip.pose, waving_clip.time)
     poses, _, _ = IkTracker(Repeat(), IkTrackerSettings(half_life=0.0)).step(observation, IkTrackerState(None))
     error = np.linalg.norm(forward_kinematics(poses)[0] - observation.position, axis=-1)
     assert error.max() < 2e-3
@@ -181,35 +181,35 @@ def test_the_head_is_turned_as_measured(tracker: IkTracker, waving_clip: Clip) -
 def test_time_that_does_not_increase_is_refused(first: float, second: float) -> None:
     tracker = IkTracker(Repeat())
     pose = still(standing_pose(SKELETON), 1)
-    _, _, state = tracker.step(shown(pose, np.array([first])), tracker.start())
+    _, _, state = tracker.step(observed(pose, np.array([first])), tracker.start())
     with pytest.raises(BodysenseError, match=rf"frame at {second:g} s came after one at {first:g} s; give frames in"):
-        tracker.step(shown(pose, np.array([second])), state)
+        tracker.step(observed(pose, np.array([second])), state)
     with pytest.raises(BodysenseError, match="tracker: a frame at nan s; give frames in order of time, in seconds"):
-        tracker.step(shown(pose, np.array([np.nan])), tracker.start())
+        tracker.step(observed(pose, np.array([np.nan])), tracker.start())
 
 
-def test_a_long_gap_starts_afresh() -> None:
+def test_a_long_gap_resets_the_state() -> None:
     """After more than a second without frames nothing of the old motion is left; after less, it is."""
     tracker = IkTracker(Repeat())
     before, after = still(bent(0.0), 2), still(bent(0.9), 1)
-    _, _, state = tracker.step(shown(before, np.array([0.0, 0.03])), tracker.start())
-    fresh, _, _ = tracker.step(shown(after, np.array([0.0])), tracker.start())
-    late, _, afterwards = tracker.step(shown(after, np.array([2.0])), state)
-    soon, _, _ = tracker.step(shown(after, np.array([0.06])), state)
+    _, _, state = tracker.step(observed(before, np.array([0.0, 0.03])), tracker.start())
+    fresh, _, _ = tracker.step(observed(after, np.array([0.0])), tracker.start())
+    late, _, afterwards = tracker.step(observed(after, np.array([2.0])), state)
+    soon, _, _ = tracker.step(observed(after, np.array([0.06])), state)
     np.testing.assert_array_equal(late.rotation, fresh.rotation)
     np.testing.assert_array_equal(late.root_position, fresh.root_position)
     assert afterwards.root_velocity is not None and not afterwards.root_velocity.any()
     assert np.abs(soon.root_position - fresh.root_position).max() > 0.005
 
 
-def test_settings_that_cannot_be_are_refused() -> None:
+def test_impossible_settings_are_refused() -> None:
     with pytest.raises(BodysenseError, match=r"half_life is -0\.1; it must be 0 or more"):
         IkTrackerSettings(half_life=-0.1)
 
 
 @dataclass(frozen=True, eq=False)
-class Say:
-    """An estimator that always says the same."""
+class Constant:
+    """An estimator with constant predictions."""
 
     position: np.ndarray  # (P, 3) m
     error: np.ndarray  # (P,) m
@@ -220,27 +220,29 @@ class Say:
 
     def step(self, observation: Observation, state: None) -> tuple[PointEstimate, None]:
         position, _, seen, _ = observed_points(observation, self.skeleton)
-        said = np.where(seen[..., None], position, self.position)
-        return PointEstimate(self.skeleton, said, np.zeros(seen.shape), np.broadcast_to(self.error, seen.shape)), None
+        predicted = np.where(seen[..., None], position, self.position)
+        return PointEstimate(
+            self.skeleton, predicted, np.zeros(seen.shape), np.broadcast_to(self.error, seen.shape)
+        ), None
 
 
-def test_what_is_surer_pulls_more() -> None:
-    """The elbow is said to be 10 cm further out than the arm is long. Who gives way?"""
+def test_more_certain_points_pull_more() -> None:
+    """The elbow is predicted 10 cm beyond the arm's length. The points with the smaller expected error move less."""
     standing, _ = forward_kinematics(rest_pose(SKELETON))
     elbow = SKELETON.index("left_elbow")
-    said = standing.copy()
-    said[elbow] += [0.1, 0.0, 0.0]
+    predicted = standing.copy()
+    predicted[elbow] += [0.1, 0.0, 0.0]
 
     def reached(sure: Sequence[str], seen: Sequence[str] = ()) -> float:
         error = np.full(len(standing), 0.1)
         error[SKELETON.indices(sure)] = 0.001
         tracked = np.isin(SKELETON.points, seen)[None]
-        position, rotation = np.where(tracked[..., None], said, np.nan), np.full((1, len(standing), 4), np.nan)
+        position, rotation = np.where(tracked[..., None], predicted, np.nan), np.full((1, len(standing), 4), np.nan)
         accuracy = accuracy_like(tracked, 0.001)
         observation = Observation(
             SKELETON.points, position, rotation, tracked, np.zeros_like(tracked), accuracy, np.zeros(1)
         )
-        poses, _, _ = IkTracker(Say(said, error)).step(observation, IkTrackerState(None))
+        poses, _, _ = IkTracker(Constant(predicted, error)).step(observation, IkTrackerState(None))
         return forward_kinematics(poses)[0][0, elbow, 0] - standing[elbow, 0]
 
     assert reached(["left_elbow"]) > 0.03

@@ -30,7 +30,7 @@ def learned(small_network: Path) -> Learned:
 
 
 def at_times(clip: Clip, time: np.ndarray) -> Observation:
-    """What a headset sees at some times; the clip's poses are taken frame by frame, over and over."""
+    """Observe a clip's frames, repeated, at the given times by a simulated headset."""
     return observe(clip.pose[np.arange(len(time)) % len(clip)], time, HEADSET_CAMERA)
 
 
@@ -97,7 +97,7 @@ def test_frames_between_steps_do_not_change_what_comes_after(learned: Learned, w
     assert hidden.any()
 
 
-def test_before_anything_is_seen_a_body_stands_there(learned: Learned) -> None:
+def test_before_the_first_signal_the_body_stands(learned: Learned) -> None:
     state = learned.start()
     standing, _ = forward_kinematics(standing_pose(SKELETON))
     np.testing.assert_allclose(state.head_position, standing[SKELETON.index("head")])
@@ -141,7 +141,7 @@ def test_a_body_of_another_size(small_network: Path, waving_clip: Clip) -> None:
 # --- files that are not ours
 
 
-def test_what_is_no_onnx_file_is_refused(tmp_path: Path) -> None:
+def test_other_files_than_onnx_are_refused(tmp_path: Path) -> None:
     with pytest.raises(
         BodysenseError, match=r"missing\.onnx: no such model file; give the \.onnx that `bodysense train body-gru`"
     ):
@@ -163,7 +163,7 @@ def foreign(path: Path, fields: dict[str, str]) -> Path:
     return path
 
 
-def test_somebody_elses_network_is_refused(tmp_path: Path) -> None:
+def test_a_foreign_network_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
         BodysenseError, match=r"a\.onnx: not a bodysense body network \(format 'not given', wanted 'body"
     ):

@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.unoc.episodes import EpisodeBatch
+from bodysense_lab.unoc.body_sequences import BodyBatch
 from bodysense_lab.unoc.losses import LossWeights, body_loss
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction
 
@@ -26,7 +26,7 @@ def network() -> BodyNetwork:
     return BodyNetwork(BodyNetworkConfig(hidden=4, branch=(4,)), SKELETON)
 
 
-def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[BodyPrediction, EpisodeBatch]:
+def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[BodyPrediction, BodyBatch]:
     generator = torch.Generator().manual_seed(seed)
 
     def random(*shape: int) -> torch.Tensor:
@@ -40,14 +40,14 @@ def example(seed: int, frames: int = 3, batch: int = 2) -> tuple[BodyPrediction,
     )
     visible = random(batch, frames, POINTS) > 0
     nothing, every = torch.zeros(batch, frames, 0), torch.ones(batch, frames, dtype=torch.bool)
-    return answer, EpisodeBatch(nothing, nothing, offset, visible, every, every[:, 0], every[:, 0])
+    return answer, BodyBatch(nothing, nothing, offset, visible, every, every[:, 0], every[:, 0])
 
 
 def length(vector: np.ndarray) -> float:
     return float(np.linalg.norm(vector))
 
 
-def by_hand(answer: BodyPrediction, truth: EpisodeBatch) -> dict[str, float]:
+def by_hand(answer: BodyPrediction, truth: BodyBatch) -> dict[str, float]:
     """Point by point, with the numbers of reproduce.md 1.7 written out."""
     terms = dict.fromkeys(("position", "parent", "bone", "occlusion", "expected"), 0.0)
     count = 0
@@ -56,15 +56,15 @@ def by_hand(answer: BodyPrediction, truth: EpisodeBatch) -> dict[str, float]:
         if name == "head" or not truth.valid[b, t] or (FINGER[p] and not truth.fingers[b]):
             continue
         count += 1
-        said, true = (part.offset[b, t].detach().numpy().astype(float) for part in (answer, truth))
+        predicted, true = (part.offset[b, t].detach().numpy().astype(float) for part in (answer, truth))
         hidden = not truth.visible[b, t, p]
         more = 1.2 if hidden else 1.0
-        distance = length(said[p] - true[p])
+        distance = length(predicted[p] - true[p])
         terms["position"] += (100 if FINGER[p] else 10) * more * distance
         parent = max(SKELETON.parents[p], 0)
         # Fingers are offsets from the wrist, so that the wrist itself is their zero.
         base = parent not in WRIST.values() or not FINGER[p]
-        bone, true_bone = ((x[p] - x[parent]) if base else x[p] for x in (said, true))
+        bone, true_bone = ((x[p] - x[parent]) if base else x[p] for x in (predicted, true))
         terms["parent"] += 3 * more * length(bone - true_bone)
         terms["bone"] += (10 if FINGER[p] else 7) * abs(length(bone) - length(true_bone))
         share = 1 / (1 + math.exp(-float(answer.hidden_logit[b, t, p])))

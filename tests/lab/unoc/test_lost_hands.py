@@ -42,7 +42,7 @@ def everything_seen(seconds: float, rate: float = 10.0, points: tuple[str, ...] 
 
 
 @pytest.mark.parametrize("batch", [(), (3, 1, 2)])
-def test_what_is_hidden_is_not_a_number_and_not_tracked(batch: tuple[int, ...]) -> None:
+def test_hidden_points_are_nan_and_untracked(batch: tuple[int, ...]) -> None:
     observation = everything_seen(1.0)
     names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     fields = {name: getattr(observation, name) for name in names}
@@ -58,7 +58,7 @@ def test_what_is_hidden_is_not_a_number_and_not_tracked(batch: tuple[int, ...]) 
     assert many.has_position.all(), "what was given stays as it was"
 
 
-def test_what_was_hidden_before_stays_hidden() -> None:
+def test_hidden_points_stay_hidden() -> None:
     observation = everything_seen(60.0)
     observation.has_position[:, 3] = False
     observation.position[:, 3] = np.nan

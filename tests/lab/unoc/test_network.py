@@ -123,8 +123,10 @@ def test_pieces_are_the_whole(form: str, networks, seed: int, hidden: float, dat
 
 
 def test_a_window_ends_at_its_frame(networks) -> None:
-    """What it makes of a frame is the recurrent network's last answer on that frame and the four before; the first one
-    stands in for those before the beginning."""
+    """The output at a frame is the recurrent network's last output on that frame and the four before it.
+
+    Before the beginning, the first frame is repeated.
+    """
     network = networks["windowed"]
     features = torch.randn(2, 8, network.features, generator=torch.Generator().manual_seed(0))
     hidden, memory = network.recurrent(features, network.start(2).memory)
@@ -201,7 +203,7 @@ def test_a_finger_counts_as_seen_only_with_its_wrist(networks) -> None:
 
 
 def test_an_untrained_change_of_zero_repeats_the_last_known(networks) -> None:
-    """What the network adds is a change of the last known offsets: with the change at zero, they are the answer."""
+    """The network predicts a change of the last known offsets: if it is zero, they are the output."""
     network = BodyNetwork(CARRIED, SKELETON).eval()
     assert network.place_fingers is not None
     for parameter in [*network.place[-1].parameters(), *network.place_fingers[-1].parameters()]:
@@ -279,7 +281,7 @@ def test_weights_come_back(form: str, networks, tmp_path: Path) -> None:
         assert_same(complete(network, tracked)[0], complete(again, tracked)[0], 0.0)
 
 
-def test_what_is_no_network_is_refused(tmp_path: Path) -> None:
+def test_other_files_than_networks_are_refused(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match="no such file; train it with `bodysense train unoc-tables`"):
         read_weights(tmp_path / "a.pt", SKELETON)
     (tmp_path / "a.pt").write_bytes(b"not a network")
@@ -292,8 +294,8 @@ def test_an_observation_is_what_the_network_reads(waving_clip) -> None:
     tracked = tracked_of(seen, waving_clip.pose.skeleton)
     assert tracked.visible.shape == (1, len(waving_clip), len(SKELETON.points))
     np.testing.assert_array_equal(tracked.visible[0].numpy(), seen.has_position)
-    shown = seen.has_position
-    np.testing.assert_allclose(tracked.position[0].numpy()[shown], seen.position[shown], atol=1e-6)
+    visible = seen.has_position
+    np.testing.assert_allclose(tracked.position[0].numpy()[visible], seen.position[visible], atol=1e-6)
     assert torch.isfinite(tracked.position).all()
     np.testing.assert_allclose(tracked.interval[0].numpy(), 1 / waving_clip.frame_rate, atol=1e-6)
 
@@ -326,7 +328,7 @@ def exported(small_network: Path) -> tuple[Path, BodyNetwork, BodyNetwork]:
 
 @settings(max_examples=4)
 @given(seed=st.integers(0, 9999), hidden=st.floats(0.2, 1))
-def test_the_file_says_what_the_network_says(exported, seed: int, hidden: float) -> None:
+def test_the_file_predicts_as_the_network(exported, seed: int, hidden: float) -> None:
     path, network, rounded = exported
     tracked = motion(50, seed, hidden=hidden)
     written = run_onnx(path, tracked)
@@ -343,10 +345,10 @@ def test_the_file_describes_itself(exported) -> None:
     assert tuple(model.card["points"]) == SKELETON.points
     assert model.card["rate"] == 30.0
     assert model.card["licence"] == "Apache-2.0"
-    told: dict[str, Any] = {
+    stored: dict[str, Any] = {
         name: tuple(value) if isinstance(value, list) else value for name, value in model.card["network"].items()
     }
-    assert BodyNetworkConfig(**told) == SMALL
+    assert BodyNetworkConfig(**stored) == SMALL
     assert model.card["weights"] == sum(parameter.numel() for parameter in network.parameters())
     assert set(model.card["state"]) == {f"state_{name}" for name in PredictorState._fields}
     assert set(model.inputs) == {*TrackedBody._fields, *(f"state_{name}" for name in PredictorState._fields)}

@@ -152,7 +152,7 @@ def test_an_upper_body_frame_by_frame_is_that_of_the_whole(upper_body: LearnedUp
         np.testing.assert_array_equal(np.concatenate([getattr(row, name) for row in rows]), getattr(whole, name))
 
 
-def test_every_point_is_placed_and_what_is_measured_is_kept(upper_body: LearnedUpperBody, waving_clip: Clip) -> None:
+def test_every_point_is_predicted_and_measured_points_are_kept(upper_body: LearnedUpperBody, waving_clip: Clip) -> None:
     observation = observe(waving_clip.pose, waving_clip.time, THREE_POINT)
     estimate, _ = upper_body.step(observation, upper_body.start())
     assert np.isfinite(estimate.position).all() and (estimate.confidence > 0).all()
@@ -192,7 +192,7 @@ def hidden(observation: Observation, point: int, frames: slice) -> Observation:
 
 @settings(max_examples=20)
 @given(seed=st.integers(0, 9999))
-def test_an_arm_that_fits_is_left_alone_and_another_nearly_fits(seed: int) -> None:
+def test_a_fitting_arm_is_unchanged_and_another_nearly_fits(seed: int) -> None:
     rng = np.random.default_rng(seed)
     shoulder, elbow, wrist = rng.normal(size=(3, 4, 3))
     upper, fore = (np.linalg.norm(a - b, axis=1, keepdims=True) for a, b in ((elbow, shoulder), (wrist, elbow)))
@@ -215,7 +215,7 @@ def test_a_hand_that_is_lost_goes_with_the_head(upper_body: LearnedUpperBody, wa
     assert (estimate.confidence[5:, wrist] > 0.05).all() and (estimate.confidence[:5, wrist] < 0.05).all()
 
 
-def test_before_anything_is_seen_a_body_stands_there(upper_body: LearnedUpperBody, waving_clip: Clip) -> None:
+def test_before_the_first_signal_the_body_stands(upper_body: LearnedUpperBody, waving_clip: Clip) -> None:
     observation = observe(waving_clip.pose[:1], waving_clip.time[:1], THREE_POINT)
     for point in range(3):
         observation = hidden(observation, point, slice(None))

@@ -17,7 +17,6 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import WARM_UP, PointRunner, Task, load_point_model
 from bodysense_lab.unoc.export import write_point_network
-from bodysense_lab.unoc.point_episodes import tracked_of
 from bodysense_lab.unoc.point_network import (
     FINGERS,
     PAPER_FINGERS,
@@ -28,6 +27,7 @@ from bodysense_lab.unoc.point_network import (
     TrackedPoints,
     bones,
 )
+from bodysense_lab.unoc.point_sequences import tracked_of
 
 SKELETON = default_skeleton()
 FORMS: dict[str, tuple[Task, PointNetworkConfig]] = {
@@ -117,7 +117,7 @@ def test_the_answer_grows_with_the_body(form: str, networks, waving_clip: Clip, 
 
 
 @pytest.mark.parametrize("form", FORMS)
-def test_what_it_should_say_is_the_truth(form: str, networks, waving_clip: Clip) -> None:
+def test_targets_are_the_truth(form: str, networks, waving_clip: Clip) -> None:
     """Offsets in the network's frame, placed in the world again, are the positions they were made from."""
     network = networks[form]
     tracked, truth = tracked_of(waving_clip.pose[:5], network)

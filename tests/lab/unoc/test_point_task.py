@@ -16,10 +16,10 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import load_point_model
 from bodysense_lab.fit import Progress, Report, fit
-from bodysense_lab.unoc.episodes import Variation, with_bent_wrists
+from bodysense_lab.unoc.body_sequences import Augmentation, with_bent_wrists
 from bodysense_lab.unoc.options import FingersTraining
-from bodysense_lab.unoc.point_episodes import PointEpisode, collate, make_point_episode, windows
 from bodysense_lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig, PointPrediction
+from bodysense_lab.unoc.point_sequences import PointSequence, collate, make_point_sequence, windows
 from bodysense_lab.unoc.point_task import PointSchedule, PointTask, point_loss, validate_points
 from bodysense_lab.unoc.train import train_points as run_points
 
@@ -34,34 +34,34 @@ def network(config: PointNetworkConfig = SMALL) -> PointNetwork:
 
 
 @pytest.fixture(scope="module")
-def episodes(waving_clip: Clip) -> list[PointEpisode]:
+def sequences(waving_clip: Clip) -> list[PointSequence]:
     rng = np.random.default_rng(0)
-    varied = (Variation(), Variation(mirrored=True, limb_spread=0.05, wrist_bend=0.3))
-    return [make_point_episode(waving_clip, network(), variation, rng) for variation in varied]
+    augmented = (Augmentation(), Augmentation(mirrored=True, limb_spread=0.05, wrist_bend=0.3))
+    return [make_point_sequence(waving_clip, network(), augmentation, rng) for augmentation in augmented]
 
 
 def train_points(
     model: PointNetwork,
     schedule: PointSchedule,
-    episodes: list[PointEpisode],
-    validation: list[PointEpisode],
+    sequences: list[PointSequence],
+    validation: list[PointSequence],
     checkpoint: Path,
     report: Report,
 ) -> tuple[PointNetwork, float]:
-    figures = fit(PointTask(model, schedule, episodes, validation), checkpoint, report)
+    figures = fit(PointTask(model, schedule, sequences, validation), checkpoint, report)
     return model, figures["rmsjpe_cm"]
 
 
-def test_a_window_ends_at_its_frame_and_repeats_the_first_before_it(episodes: list[PointEpisode]) -> None:
-    batch = collate([(episodes[0], -3)], 5, np.ones(1, dtype=bool))
-    np.testing.assert_array_equal(batch.features[0].numpy(), episodes[0].features[[0, 0, 0, 0, 1]])
-    drawn = next(windows(episodes, 5, 64, np.random.default_rng(0)))
+def test_a_window_ends_at_its_frame_and_repeats_the_first_before_it(sequences: list[PointSequence]) -> None:
+    batch = collate([(sequences[0], -3)], 5, np.ones(1, dtype=bool))
+    np.testing.assert_array_equal(batch.features[0].numpy(), sequences[0].features[[0, 0, 0, 0, 1]])
+    drawn = next(windows(sequences, 5, 64, np.random.default_rng(0)))
     assert drawn.features.shape[:2] == (64, 5) and bool(drawn.valid[:, -1].all())
 
 
-def test_the_truth_costs_nothing_and_terms_add_up(episodes: list[PointEpisode]) -> None:
+def test_the_truth_costs_nothing_and_terms_add_up(sequences: list[PointSequence]) -> None:
     """By a loop over frames and joints, with the paper's weights."""
-    model, batch = network(), collate([(episodes[0], 84)], 10, np.ones(1, dtype=bool))
+    model, batch = network(), collate([(sequences[0], 84)], 10, np.ones(1, dtype=bool))
     missed = torch.randn(batch.offset.shape, generator=torch.Generator().manual_seed(0)) * 0.02
     answer = PointPrediction(batch.offset + missed, torch.full(batch.offset.shape[:-1], 0.03))
     terms = point_loss(model, answer, batch, SCHEDULE)
@@ -76,10 +76,10 @@ def test_the_truth_costs_nothing_and_terms_add_up(episodes: list[PointEpisode]) 
 
 
 def test_a_squared_distance_has_the_mean_as_its_optimum(waving_clip: Clip) -> None:
-    """Of 0, 0 and 3 cm the best single answer is 1 cm; for the Euclidean one, 0."""
+    """The best single prediction of 0, 0 and 3 cm is 1 cm, or 0 for the Euclidean distance."""
     model = network(SMALL_FINGERS)
-    episode = make_point_episode(waving_clip, model, Variation(), np.random.default_rng(0))
-    batch = collate([(episode, 0)], 3, np.ones(1, dtype=bool))
+    sequence = make_point_sequence(waving_clip, model, Augmentation(), np.random.default_rng(0))
+    batch = collate([(sequence, 0)], 3, np.ones(1, dtype=bool))
     truth = batch.offset[:, :1].expand_as(batch.offset).clone()
     truth[0, 2] += 0.03
     best = {}
@@ -93,13 +93,13 @@ def test_a_squared_distance_has_the_mean_as_its_optimum(waving_clip: Clip) -> No
     assert best == {"squared": 0.01, "euclidean": 0.0}
 
 
-def test_training_learns_and_keeps_the_best(episodes: list[PointEpisode], tmp_path: Path) -> None:
+def test_training_learns_and_keeps_the_best(sequences: list[PointSequence], tmp_path: Path) -> None:
     reports: list[Progress] = []
     model = network()
-    before = validate_points(model, episodes)
+    before = validate_points(model, sequences)
     schedule = replace(SCHEDULE, steps=60, check_every=10, learning_rate=1e-2)
-    model, score = train_points(model, schedule, episodes, episodes, tmp_path / "a.ckpt", reports.append)
-    assert score == pytest.approx(validate_points(model, episodes)) and score < 0.7 * before
+    model, score = train_points(model, schedule, sequences, sequences, tmp_path / "a.ckpt", reports.append)
+    assert score == pytest.approx(validate_points(model, sequences)) and score < 0.7 * before
     assert score == min(report.validation["rmsjpe_cm"] for report in reports)
 
 

@@ -1,4 +1,4 @@
-"""Tables 2 to 4: ours and the published figures in their places, and what is said of the paper's orderings."""
+"""Tables 2 to 4: our figures and the published ones in their places, and remarks about the paper's orderings."""
 
 from __future__ import annotations
 
@@ -49,8 +49,8 @@ def test_the_networks_are_those_that_are_trained(table: ScoreTable) -> None:
 
 
 @pytest.mark.parametrize("table", ALL, ids=lambda table: table.name)
-def test_the_published_figures_bear_out_what_is_claimed(table: ScoreTable) -> None:
-    """Every ordering that is said to be the paper's is in the paper's figures."""
+def test_the_published_figures_support_the_claims(table: ScoreTable) -> None:
+    """The published figures have every ordering that a remark attributes to the paper."""
     for claim in table.claims:
         if not claim.text.startswith("Not in the paper"):
             lower, *higher = (
@@ -60,7 +60,7 @@ def test_the_published_figures_bear_out_what_is_claimed(table: ScoreTable) -> No
             assert lower < min(higher), claim
 
 
-def test_every_place_has_ours_beside_the_published(data: DataSet) -> None:
+def test_every_place_has_our_figures_and_the_published_ones(data: DataSet) -> None:
     report = network_report(TABLE_2, scores_of(TABLE_2, {"gru": 3.0}), data)
     columns = {name: k for k, name in enumerate(report.columns)}
     rows = {(row[0], row[1]): row for row in report.rows}

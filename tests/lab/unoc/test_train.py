@@ -17,7 +17,7 @@ from bodysense_lab.unoc import train
 from bodysense_lab.unoc.learned import Learned, load_model
 from bodysense_lab.unoc.network import PAPER
 from bodysense_lab.unoc.options import BodyTraining
-from bodysense_lab.unoc.train import train_body, variation_of
+from bodysense_lab.unoc.train import augmentation_of, train_body
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def folder(tmp_path: Path, waving_clip: Clip) -> Path:
     return write_people(tmp_path / "data", {"train": learned, "val": [waving_clip]})
 
 
-def asked(data: Path, out: Path) -> BodyTraining:
+def options_for(data: Path, out: Path) -> BodyTraining:
     return BodyTraining(
         data=data,
         out=out,
@@ -56,7 +56,7 @@ def test_a_run_writes_a_network_that_tracks(
 ) -> None:
     """In the paper's form, with a window of 5 frames instead of 27: the export writes a step for each."""
     monkeypatch.setattr(train, "PAPER", replace(PAPER, window=5))
-    run = replace(asked(folder, tmp_path / "net.onnx"), form="paper")
+    run = replace(options_for(folder, tmp_path / "net.onnx"), form="paper")
     train_body(run)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "net.ckpt", "net.jsonl", "net.onnx"]
     model = load_model(tmp_path / "net.onnx")
@@ -70,12 +70,16 @@ def test_a_run_writes_a_network_that_tracks(
     learned = Learned(model, waving_clip.pose.skeleton)
     estimate, _ = learned.step(observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)[:5], learned.start())
     assert np.isfinite(estimate.position).all()
-    # The same command once more has nothing left to learn; the file still says how good the network is.
+    # Repeated, the command trains nothing, and the file keeps its validation figures.
     train_body(run)
     assert load_model(tmp_path / "net.onnx").card == model.card
 
 
-def test_variations_of_the_passes() -> None:
-    assert [variation_of(k, shipped=True).mirrored for k in range(4)] == [False, True, False, True]
-    assert variation_of(0, shipped=True).limb_spread == 0.0 < variation_of(1, shipped=True).limb_spread
-    assert variation_of(2, shipped=False).limb_spread == variation_of(2, shipped=False).hand_dropouts_per_minute == 0.0
+def test_augmentations_of_the_passes() -> None:
+    assert [augmentation_of(k, shipped=True).mirrored for k in range(4)] == [False, True, False, True]
+    assert augmentation_of(0, shipped=True).limb_spread == 0.0 < augmentation_of(1, shipped=True).limb_spread
+    assert (
+        augmentation_of(2, shipped=False).limb_spread
+        == augmentation_of(2, shipped=False).hand_dropouts_per_minute
+        == 0.0
+    )

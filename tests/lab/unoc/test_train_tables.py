@@ -14,10 +14,10 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense_lab.unoc import train_tables as tables
 from bodysense_lab.unoc import variants
-from bodysense_lab.unoc.episodes import Episode
+from bodysense_lab.unoc.body_sequences import BodySequence
 from bodysense_lab.unoc.network import PAPER, BodyNetworkConfig, read_weights
 from bodysense_lab.unoc.options import TablesTraining
-from bodysense_lab.unoc.train_tables import cached_episodes, chosen_networks, schedule_of, train_tables
+from bodysense_lab.unoc.train_tables import cached_sequences, chosen_networks, schedule_of, train_tables
 from bodysense_lab.unoc.variants import TABLES, VARIANTS, Variant
 
 SMALL = replace(PAPER, hidden=4, branch=(4,), judge_branch=(4,), window=9)
@@ -38,7 +38,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tables, "TABLES", {"2": ("gru",), "4": ("gru", "no_bone")})
 
 
-def asked(folder: Path, out: Path) -> TablesTraining:
+def options_for(folder: Path, out: Path) -> TablesTraining:
     return TablesTraining(
         data=folder, out=out, tables=("2", "4"), epochs=2, window_stride=10, batch_scale=0.02, threads=1
     )
@@ -58,7 +58,7 @@ def test_every_table_names_networks_that_exist() -> None:
 
 
 def test_a_run_trains_each_network_once(small: None, folder: Path, tmp_path: Path, capsys) -> None:
-    run = asked(folder, tmp_path / "out")
+    run = options_for(folder, tmp_path / "out")
     train_tables(run)
     for name in ("gru", "no_bone"):
         assert read_weights(run.out / f"{name}.pt", default_skeleton()).config == SMALL
@@ -69,7 +69,7 @@ def test_a_run_trains_each_network_once(small: None, folder: Path, tmp_path: Pat
 
 
 def test_another_configuration_is_refused_with_the_difference(small: None, folder: Path, tmp_path: Path) -> None:
-    run = replace(asked(folder, tmp_path / "out"), tables=("2",))
+    run = replace(options_for(folder, tmp_path / "out"), tables=("2",))
     train_tables(run)
     with pytest.raises(BodysenseError, match=r"gru\.json is of another configuration \(schedule\.epochs: 2 → 3\)"):
         train_tables(replace(run, epochs=3))
@@ -97,26 +97,26 @@ def test_names_that_do_not_exist_are_refused(tmp_path: Path) -> None:
     ]
 
 
-def test_episodes_come_back_from_disk(few_episodes: list[Episode], tmp_path: Path) -> None:
-    made = cached_episodes(tmp_path / "a", {"data": "x"}, lambda: iter(few_episodes))
-    again = cached_episodes(tmp_path / "a", {"data": "x"}, lambda: iter([]))
-    for episodes in (made, again):
-        for ours, theirs in zip(episodes, few_episodes, strict=True):
+def test_cached_sequences_are_read_from_disk(few_sequences: list[BodySequence], tmp_path: Path) -> None:
+    made = cached_sequences(tmp_path / "a", {"data": "x"}, lambda: iter(few_sequences))
+    again = cached_sequences(tmp_path / "a", {"data": "x"}, lambda: iter([]))
+    for sequences in (made, again):
+        for ours, theirs in zip(sequences, few_sequences, strict=True):
             assert ours.fingers == theirs.fingers
             for name in ("features", "known", "offset", "visible"):
                 np.testing.assert_array_equal(getattr(ours, name), getattr(theirs, name))
     with pytest.raises(BodysenseError, match=r"made from something else \(data differ\)"):
-        cached_episodes(tmp_path / "a", {"data": "y"}, lambda: iter(few_episodes))
+        cached_sequences(tmp_path / "a", {"data": "y"}, lambda: iter(few_sequences))
     assert [path.name for path in tmp_path.iterdir()] == ["a"]
 
 
-def test_episodes_that_cannot_be_made_leave_nothing(tmp_path: Path, few_episodes: list[Episode]) -> None:
+def test_failed_caching_leaves_no_files(tmp_path: Path, few_sequences: list[BodySequence]) -> None:
     def failing():
-        yield few_episodes[0]
+        yield few_sequences[0]
         raise BodysenseError("no more")
 
     with pytest.raises(BodysenseError, match="no more"):
-        cached_episodes(tmp_path / "a", {}, failing)
-    with pytest.raises(BodysenseError, match="no clip to make episodes of"):
-        cached_episodes(tmp_path / "a", {}, lambda: iter([]))
+        cached_sequences(tmp_path / "a", {}, failing)
+    with pytest.raises(BodysenseError, match="no clip to make sequences of"):
+        cached_sequences(tmp_path / "a", {}, lambda: iter([]))
     assert not list(tmp_path.iterdir())

@@ -130,11 +130,11 @@ def test_elbows_bend_about_their_hinge_and_never_backward() -> None:
 
 
 def test_elbows_are_where_people_have_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Level hands of one who looks ahead: elbows hang below the line from shoulder to hand, outside, not in the chest.
+    """For level hands ahead, elbows hang below the line from shoulder to hand, outside the chest.
 
-    Of overhead hands they point outward and forward of straight behind; of hanging hands, backward.
+    Below overhead hands they point outward and forward of straight behind. Above hanging hands they point backward.
     """
-    for name in ("_SWIVEL_BY_TWIST", "_SWIVEL_BY_FLEXION"):  # so that hands say nothing of the elbow
+    for name in ("_SWIVEL_BY_TWIST", "_SWIVEL_BY_FLEXION"):  # so that the hand's rotation does not turn the elbow
         monkeypatch.setattr(upper_body_ik, name, 0.0)
     directions = {
         "ahead": (0.1, -0.1, 0.7),
@@ -337,7 +337,7 @@ def test_the_tracker_takes_it(waving_clip: Clip) -> None:
     np.testing.assert_array_equal(estimate.position, complete(seen).position)
 
 
-def test_it_is_better_than_a_body_that_stands_there(motion_data) -> None:
+def test_it_is_better_than_a_standing_body(motion_data) -> None:
     """Real motion: errors of neck, shoulders and elbows against those of a standing body under the head."""
     sources = [source for source in list_sources(motion_data) if source.category in ("talk_gesture", "everyday")]
     joints = SKELETON.indices(["neck", *(SKELETON.points[p] for p in (*SHOULDERS, *ELBOWS))])

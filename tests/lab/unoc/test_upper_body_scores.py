@@ -98,7 +98,7 @@ def posed(height: float, lean: float) -> np.ndarray:
     ("height", "lean", "stands"),
     [(1.0, 0, True), (0.91, 0, True), (0.89, 0, False), (1.0, 25, True), (1.0, 40, False), (1.0, -40, False)],
 )
-def test_who_stands(height: float, lean: float, stands: bool) -> None:
+def test_standing_frames_are_recognised(height: float, lean: float, stands: bool) -> None:
     points = posed(height, lean)
     assert is_standing(SKELETON, points) == stands
     np.testing.assert_array_equal(is_standing(SKELETON, np.stack([[points] * 3] * 2)), np.full((2, 3), stands))

@@ -38,7 +38,7 @@ def never(clip: Clip) -> None:
 
 
 def noted(clip: Clip) -> None:
-    """Progress that nobody watches."""
+    """Ignore progress."""
 
 
 @pytest.mark.parametrize("name", ["gru", "tcn", "head_local", "mask_given"])

@@ -7,7 +7,7 @@ from pathlib import Path
 from bodysense.ranges import Count, Seed
 from bodysense_lab.commands.reporting import finish, open_data, progress_bar
 from bodysense_lab.options import Data, Flat, Table, TableOptions
-from bodysense_lab.pahmt.options import ArmTableTraining, ArmTraining, Studio
+from bodysense_lab.pahmt.options import ArmTableTraining, ArmTraining, VideoSimulation
 
 
 def arms(run: Flat[ArmTraining]) -> None:
@@ -35,7 +35,7 @@ def pahmt_table1(
     data: Data,
     networks: Path,
     model: Path | None = None,
-    studio: Flat[Studio] = Studio(),
+    studio: Flat[VideoSimulation] = VideoSimulation(),
     stride: Count = 5,
     seed: Seed = 1,
     table: Table = TableOptions(),

@@ -46,8 +46,8 @@ class InWorld(nn.Module):
         deviation = trust * torch.exp(log_variance / 2) + (1 - trust)
         body = self.network.decode(trust * mean + deviation * noise, rest_offset)
         relative, local = body.facing(frame.facing)
-        placed = relative + position[:, -1, self.head, None]
-        return placed[:, 0], quaternion_canonical(local), placed
+        world = relative + position[:, -1, self.head, None]
+        return world[:, 0], quaternion_canonical(local), world
 
 
 def write_vae_onnx(network: BodyVae, path: Path, card: dict[str, Any]) -> None:

@@ -91,8 +91,8 @@ class OverTime(nn.Module):
     def forward(self, x: Tensor) -> Tensor:
         """(B, L, C) → (B, L / stride, C)."""
         place = torch.linspace(-1, 1, x.shape[1], dtype=x.dtype, device=x.device)[None, :, None]
-        placed = torch.cat([x, place.expand(x.shape[0], -1, 1)], dim=-1).transpose(1, 2)
-        return self.convolution(nn.functional.pad(placed, (self.before, 1))).transpose(1, 2)
+        located = torch.cat([x, place.expand(x.shape[0], -1, 1)], dim=-1).transpose(1, 2)
+        return self.convolution(nn.functional.pad(located, (self.before, 1))).transpose(1, 2)
 
 
 def linear_block(width: int) -> Residual:
@@ -207,8 +207,8 @@ class BodyVae(nn.Module):
 def squared_distance(config: BodyVaeConfig, position: Tensor, rotation: Tensor, truth: Joints, anchor: int) -> Tensor:
     """d² of every joint, (..., B, 22): positions (..., B, 22, 3) from the anchor, rotations (..., B, 22, 4)."""
     wanted = truth.position - truth.position[..., anchor : anchor + 1, :]
-    moved = ((position - wanted) ** 2).sum(dim=-1) / config.position_deviation**2
-    return moved + (geodesic_angle(rotation, truth.rotation) / config.angle_deviation) ** 2
+    squared = ((position - wanted) ** 2).sum(dim=-1) / config.position_deviation**2
+    return squared + (geodesic_angle(rotation, truth.rotation) / config.angle_deviation) ** 2
 
 
 def kl_divergence(mean: Tensor, log_variance: Tensor) -> Tensor:

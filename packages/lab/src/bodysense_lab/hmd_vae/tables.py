@@ -192,8 +192,8 @@ def _remarks(scored: Sequence[Scored], main: str) -> Iterator[str]:
             if abs(one.get(name, main) - one.get(f"{name}_sequences", main)) > 0.02 * abs(one.get(name, main))
         ]
         if apart:
-            shown = ", ".join(f"model {one.config.model} {one.get(f'{name}_sequences', main):.2f}" for one in apart)
-            yield f"Over sequences of 64 frames as in the paper: {PARTS[part]}, {MEASURES[measure][0]}: {shown}."
+            figures = ", ".join(f"model {one.config.model} {one.get(f'{name}_sequences', main):.2f}" for one in apart)
+            yield f"Over sequences of 64 frames as in the paper: {PARTS[part]}, {MEASURES[measure][0]}: {figures}."
 
 
 def _settings(scored: Sequence[Scored], origin: str) -> list[dict[int, Scored]]:

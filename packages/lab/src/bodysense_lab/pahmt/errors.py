@@ -31,7 +31,7 @@ EVERY = tuple(range(len(ARM_JOINTS)))
 
 
 def arm_errors(
-    said: np.ndarray, truth: np.ndarray, skeleton: Skeleton, joints: Sequence[int] = EVERY
+    predicted: np.ndarray, truth: np.ndarray, skeleton: Skeleton, joints: Sequence[int] = EVERY
 ) -> dict[str, np.ndarray]:
     """Compute errors of rotations (..., N, 4) of `joints`, truth (..., 38, 4), both in the form of `arms_from_torso`.
 
@@ -42,7 +42,7 @@ def arm_errors(
     compared.
     """
     arms, whole = arm_skeleton(skeleton), truth.copy()
-    whole[..., list(joints), :] = said
+    whole[..., list(joints), :] = predicted
     angle = np.degrees(np.asarray(geodesic_angle(whole, truth)))
     hands = (_from_wrist(arms, one) for one in (whole, truth))
     found = {"hands_cm": joint_error(*hands), "fingers_deg": angle[..., FINGERS]}
@@ -58,23 +58,23 @@ def arm_errors(
     }
 
 
-def table_errors(said: np.ndarray, truth: np.ndarray, joints: Sequence[int]) -> dict[str, np.ndarray]:
+def table_errors(predicted: np.ndarray, truth: np.ndarray, joints: Sequence[int]) -> dict[str, np.ndarray]:
     """Return `arm_errors` on the default body in the units of Table 1: `hands_m`, `overall_m`, `arms` in radians."""
     names = {"hands_cm": ("hands_m", 0.01), "overall_cm": ("overall_m", 0.01), "arms_rad": ("arms", 1.0)}
     found = {}
-    for measure, values in arm_errors(said, truth, default_skeleton(), joints).items():
+    for measure, values in arm_errors(predicted, truth, default_skeleton(), joints).items():
         name, factor = names.get(measure, (measure, 1.0))
         found[name] = factor * values
     return found
 
 
-def twist_errors(said: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
-    """Difference of the twists about the bones, degrees, (..., 2) of left and right, of rotations (..., 38, 4).
+def twist_errors(predicted: np.ndarray, truth: np.ndarray, skeleton: Skeleton) -> dict[str, np.ndarray]:
+    """Return differences (..., 2), degrees, of the twists about left and right bones, of rotations (..., 38, 4).
 
     Keys are `upper_arm_twist_deg` and `forearm_twist_deg`; bones are the skeleton's, whose arms the rotations turn. A
     forearm's twist is that of elbow and wrist together: motion capture puts it into either.
     """
-    ours, true = _twists(said, skeleton), _twists(truth, skeleton)
+    ours, true = _twists(predicted, skeleton), _twists(truth, skeleton)
     return {f"{bone}_twist_deg": np.degrees(np.asarray(geodesic_angle(ours[bone], true[bone]))) for bone in TWISTS}
 
 

@@ -25,7 +25,7 @@ _MOST = 63  # of each sign: 7 bits change arms by 0.19° in the mean, and their 
 class OneWindow(nn.Module):
     """Network from captured key-points of one window to local rotations (B, T, 38, 4) of `ARM_JOINTS`.
 
-    The network is asked twice, once in a mirror, and the mean of its answers taken: exactly as good with either hand.
+    Run the network on the window and on its mirror image, and average: both hands are predicted equally well.
     """
 
     def __init__(self, network: ArmNetwork) -> None:
@@ -36,10 +36,10 @@ class OneWindow(nn.Module):
         """The fields of `Window`, in order."""
         window = Window(*values)
         both = Window(*(torch.cat(pair) for pair in zip(window, mirrored(window), strict=True)))
-        said, reflected = self.network.quaternions(self.network(both)).chunk(2)
+        predicted, reflected = self.network.quaternions(self.network(both)).chunk(2)
         reflected = mirrored_rotations(reflected)
-        alike = torch.where((said * reflected).sum(dim=-1, keepdim=True) < 0, -reflected, reflected)
-        return quaternion_canonical(normalize(said + alike))
+        alike = torch.where((predicted * reflected).sum(dim=-1, keepdim=True) < 0, -reflected, reflected)
+        return quaternion_canonical(normalize(predicted + alike))
 
 
 def mirrored(window: Window) -> Window:

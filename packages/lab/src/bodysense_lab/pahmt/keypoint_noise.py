@@ -67,8 +67,8 @@ def detect(keypoints: ArmKeypoints, noise: DetectorNoise, rng: np.random.Generat
     deep = np.array([1.0, 1.0, noise.depth])
     bent = np.radians(errors((2, 2, 3), noise.arm_drift, noise.arm_jitter)) * deep
     turn = np.radians(errors((3,), noise.torso_drift, noise.torso_jitter))
-    hand, moved, size = _drawn_hands(keypoints, noise, errors, rng)
-    chance = np.clip(noise.missed + noise.missed_fast * moved, 0, 0.9)
+    hand, travel, size = _drawn_hands(keypoints, noise, errors, rng)
+    chance = np.clip(noise.missed + noise.missed_fast * travel, 0, 0.9)
     chance = np.maximum(chance, 1 / (1 + (size / noise.small) ** 4))
     stay = float(np.exp(-interval / noise.missed_for))
     has_hand = keypoints.has_hand & ~_spans(chance, stay, len(batch), rng)
@@ -113,12 +113,12 @@ def _drawn_hands(
     size = np.maximum((hand.max(axis=-2) - hand.min(axis=-2)).max(axis=-1), 1e-6)
     middle = hand.mean(axis=-2)
     step = np.diff(middle, axis=-3, prepend=middle[..., :1, :, :]) / size[..., None]
-    moved = np.linalg.norm(step, axis=-1)
+    travel = np.linalg.norm(step, axis=-1)
     wrong = errors(hand.shape[-3:], noise.hand_drift, noise.hand_jitter)
-    wrong += noise.blur * np.minimum(moved, 2.0)[..., None, None] * rng.standard_normal(hand.shape)
+    wrong += noise.blur * np.minimum(travel, 2.0)[..., None, None] * rng.standard_normal(hand.shape)
     shape = np.eye(2) + errors((2, 2, 2), noise.hand_shape, 0.0)
     around = (hand - middle[..., None, :]) @ shape
-    return middle[..., None, :] + around + size[..., None, None] * wrong, moved, size
+    return middle[..., None, :] + around + size[..., None, None] * wrong, travel, size
 
 
 def _slow(white: np.ndarray, keep: float, axis: int) -> np.ndarray:

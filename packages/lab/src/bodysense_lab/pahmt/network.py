@@ -72,12 +72,13 @@ def hinged(directions: Tensor) -> Tensor:
     return quaternion_multiply(now, quaternion_conjugate(rest))
 
 
-def beside_directions(said: Tensor, gate: Tensor, bones: Tensor) -> Tensor:
-    """Regressed rotations (..., 38, 6), upper arms and forearms of which are between what was said and directions.
+def blend_directions(predicted: Tensor, gate: Tensor, bones: Tensor) -> Tensor:
+    """Blend the upper arms and forearms of regressed rotations (..., 38, 6) with those that directions imply.
 
-    `gate` (..., 2, 2) is the share of directions, of left and right upper arm and forearm; `bones` as of `hinged`.
+    `gate` (..., 2, 2) is the share of the directions for the left and right upper arm and forearm. `bones` are the
+    rotations that `hinged` returns.
     """
-    arms = said.unflatten(-2, (len(SIDES), -1))
+    arms = predicted.unflatten(-2, (len(SIDES), -1))
     collar = matrix_to_quaternion(sixd_to_matrix(arms[..., :1, :]))
     above = torch.cat([collar, bones[..., :1, :]], dim=-2)
     given = matrix_to_sixd(quaternion_to_matrix(quaternion_multiply(quaternion_conjugate(above), bones)))
@@ -86,13 +87,13 @@ def beside_directions(said: Tensor, gate: Tensor, bones: Tensor) -> Tensor:
     return torch.cat([arms[..., :1, :], between, arms[..., _BONES.stop :, :]], dim=-2).flatten(-3, -2)
 
 
-def beside_palms(said: Tensor, share: Tensor, palms: Tensor) -> Tensor:
-    """Regressed rotations (..., 38, 6), wrists of which are between what was said and what pictures of palms say.
+def blend_palms(predicted: Tensor, share: Tensor, palms: Tensor) -> Tensor:
+    """Blend the wrists of regressed rotations (..., 38, 6) with those that the pictures of palms imply.
 
-    `share` (..., 2, 3) of left and right hand is that of what was said and of either answer; `palms` (..., 2, 2, 4),
-    torso ← wrist, as of `palm.palm_turns`.
+    `share` (..., 2, 3) holds, for the left and right hand, the weights of the regressed wrist and of both solutions
+    of the palm. `palms` (..., 2, 2, 4) are the rotations torso ← wrist that `palm.palm_turns` returns.
     """
-    arms = said.unflatten(-2, (len(SIDES), -1))
+    arms = predicted.unflatten(-2, (len(SIDES), -1))
     collar, upper, lower = matrix_to_quaternion(sixd_to_matrix(arms[..., : _BONES.stop, :])).unbind(dim=-2)
     forearm = quaternion_multiply(quaternion_multiply(collar, upper), lower)
     above = quaternion_conjugate(forearm)[..., None, :].expand(palms.shape)
@@ -137,8 +138,8 @@ class Attention(nn.Module):
         keys, values = self.look(read).unflatten(-1, (2, self.heads, -1)).permute(2, 0, 3, 1, 4)
         # Spelled out: on a processor, twice as fast as the fused form where tokens are few.
         alike = (queries * queries.shape[-1] ** -0.5) @ keys.mT
-        told = torch.softmax(alike, dim=-1) @ values
-        x = x[:, :answers] + self.drop(self.tell(told.transpose(1, 2).flatten(-2)))
+        attended = torch.softmax(alike, dim=-1) @ values
+        x = x[:, :answers] + self.drop(self.tell(attended.transpose(1, 2).flatten(-2)))
         return x + self.drop(self.back(torch.relu(self.forth(self.between(x)))))
 
 
@@ -243,22 +244,22 @@ class ArmNetwork(nn.Module):
         features = self.body(points)
         if self.beside is not None:
             features = features + self.beside(points)
-        said = self.head(features.mT).mT.float()
-        shares, said = said[..., : self.config.shares], said[..., self.config.shares :]
-        said = said.unflatten(-1, (len(self.config.joints), self.config.size))
+        predicted = self.head(features.mT).mT.float()
+        shares, predicted = predicted[..., : self.config.shares], predicted[..., self.config.shares :]
+        predicted = predicted.unflatten(-1, (len(self.config.joints), self.config.size))
         if self.config.from_directions:
             gate = torch.sigmoid(shares[..., :4]).unflatten(-1, (2, 2))
-            said = beside_directions(said, gate, hinged(seen.directions))
+            predicted = blend_directions(predicted, gate, hinged(seen.directions))
         if self.config.from_palms:
             share = torch.softmax(shares[..., 4:].unflatten(-1, (2, 3)), dim=-1)
-            said = beside_palms(said, share, seen.palms)
-        return said
+            predicted = blend_palms(predicted, share, seen.palms)
+        return predicted
 
-    def quaternions(self, said: Tensor) -> Tensor:
+    def quaternions(self, predicted: Tensor) -> Tensor:
         """Unit quaternions (..., 4) of regressed rotations."""
         if self.config.rotation == "axis-angle":
-            return quaternion_exp(said)
-        return matrix_to_quaternion(sixd_to_matrix(said))
+            return quaternion_exp(predicted)
+        return matrix_to_quaternion(sixd_to_matrix(predicted))
 
     def regressed(self, rotation: Tensor) -> Tensor:
         """Convert rotations (..., 4) to the regressed form (..., 3 or 6)."""

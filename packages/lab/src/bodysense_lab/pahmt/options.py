@@ -1,4 +1,4 @@
-"""Options of networks of arms and hands, and their training; read by the command line, so without PyTorch."""
+"""Options of the networks of arms and hands and of their training. The command line reads them, so without PyTorch."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FINGERS = tuple(k for k, name in enumerate(ARM_JOINTS) if name[-1] in "123")  # 
 
 @dataclass(frozen=True)
 class ArmNetworkConfig:
-    """How the network is built; the defaults are the paper's (section 3.3)."""
+    """Architecture of the network; the defaults are the paper's (section 3.3)."""
 
     kind: Annotated[Kind, arg(name="model")] = "pahmt"
     """convolutions over time, a transformer over time, or that with a branch over joints"""
@@ -50,11 +50,11 @@ class ArmNetworkConfig:
     rotation: Literal["axis-angle", "6d"] = "axis-angle"
     """what is regressed"""
     more_inputs: bool = False
-    """read the torso's turn, the hands' place and size, and what was found; for use, not for the table"""
+    """also read the torso's rotation, the hands' place and size, and the detection masks; not part of the table"""
     from_directions: bool = False
-    """blend with arms whose elbows are hinges, as the directions of their bones have them; with '6d'"""
+    """blend with arms whose elbows are hinges and whose bones have the measured directions; needs '6d'"""
     from_palms: bool = False
-    """blend with wrists as the pictures of palms have them; with --from-directions"""
+    """blend with wrist rotations estimated from the pictures of palms; needs --from-directions"""
 
     def __post_init__(self) -> None:
         if self.width % self.heads or self.spatial_width % self.spatial_heads:
@@ -81,7 +81,7 @@ class ArmNetworkConfig:
 
     @property
     def shares(self) -> int:
-        """Numbers that say what is believed: four bones' directions, and of each hand what was said and two palms."""
+        """Number of blending weights: four directions of bones, and for each hand the regressed wrist and two palms."""
         return 4 * self.from_directions + 6 * self.from_palms
 
     @property
@@ -91,14 +91,14 @@ class ArmNetworkConfig:
 
 
 @dataclass(frozen=True)
-class Studio:
-    """How windows are filmed: cameras, the detector's errors, and that a video may have just begun."""
+class VideoSimulation:
+    """Simulation of a video: cameras, errors of the detector, and videos that have just begun."""
 
     cameras: Suppress[CameraRange] = CameraRange()
     keypoints: Literal["detected", "perfect"] = "detected"
     """with the errors of a detector, or without any"""
     mirrored: Suppress[bool] = True  # half of the windows in a mirror
-    begun: Suppress[float] = 0.1  # share of windows before whose later frames there was nothing
+    begun: Suppress[float] = 0.1  # share of windows at the beginning of a video, padded with its first frame
 
     @property
     def noise(self) -> DetectorNoise | None:
@@ -108,10 +108,10 @@ class Studio:
 
 @dataclass(frozen=True)
 class ArmSchedule:
-    """How long and on what; the defaults are the paper's (section 4.2)."""
+    """Schedule and losses of a training; the defaults are the paper's (section 4.2)."""
 
     epochs: Count = 300
-    """times that every window is seen, each time by another camera"""
+    """passes over all windows, each with new cameras"""
     steps: Count | None = None
     """optimiser steps at most; all epochs if omitted"""
     batch: Count = 128
@@ -129,7 +129,7 @@ class ArmSchedule:
     rotation: Annotated[float, arg(name="rotation-weight")] = 1.0
     """weight of the loss of rotations, per radian"""
     arms: Annotated[float, arg(name="arms-factor")] = 1.0
-    """how much more a joint of an arm, the wrist included, counts in it than one of a finger"""
+    """weight of an arm's joint, wrists included, relative to a finger's"""
     smooth: Annotated[float, arg(name="smooth-weight")] = 1.0
     """weight γ of the change from frame to frame"""
     fk: Annotated[float, arg(name="fk-weight")] = 1.0
@@ -139,12 +139,12 @@ class ArmSchedule:
     motion: Annotated[float, arg(name="motion-weight")] = 10.0
     """weight of the difference between estimated and true change, per metre; only where --losses has motion"""
     without_hands: float = 0.0
-    """share of windows from recordings without fingers, of which the arms are learned"""
+    """share of windows without recorded fingers, which train the arms alone"""
     average_decay: float = 0.99
-    """of the moving average of the weights, which is what is kept"""
+    """decay of the moving average of the weights, which is saved"""
     check_every: Count = 250
     """steps between checkpoints, each of which measures the average and keeps it if it is best"""
-    studio: Flat[Studio] = Studio()
+    studio: Flat[VideoSimulation] = VideoSimulation()
     seed: Seed = 1
     """random seed"""
 
@@ -177,7 +177,7 @@ class ArmTraining(ArmRun):
 
 @dataclass(frozen=True)
 class TableRow:
-    """A row of Table 1: what a network is, what it sees and learns by, and what the paper found."""
+    """A row of Table 1: the network, its input and losses, and the published figures."""
 
     title: str
     kind: Kind = "cnn"

@@ -1,4 +1,4 @@
-"""Windows for the networks of arms and hands: recorded motion before a camera, and the true rotations."""
+"""Training windows of the networks of arms and hands: recorded motion seen by simulated cameras, and true rotations."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from bodysense_lab.augment import with_limb_proportions
 from bodysense_lab.pahmt.camera_view import sample_cameras, view, view_points
 from bodysense_lab.pahmt.features import Window, window_of
 from bodysense_lab.pahmt.keypoint_noise import detect
-from bodysense_lab.pahmt.options import Studio
+from bodysense_lab.pahmt.options import VideoSimulation
 from bodysense_lab.windows import Windows, find_windows
 
 RATE = 30.0  # Hz
@@ -40,7 +40,7 @@ _STIFF = np.array([name.partition("_")[2] in ARM[:-1] for name in ARM_JOINTS])  
 
 @dataclass(frozen=True, eq=False)
 class ArmRecordings:
-    """Recordings at 30 Hz, their frames one after the other."""
+    """Recordings at 30 Hz, concatenated."""
 
     points: np.ndarray  # (N, 2, 24, 3) float32 m, world: `view_points`
     rotation: np.ndarray  # (N, 38, 4) float32, local rotations of `ARM_JOINTS` (`arms_from_torso`)
@@ -72,18 +72,18 @@ class ArmBatch(NamedTuple):
 
     window: Window
     rotation: Tensor  # (B, T, 38, 4)
-    known: Tensor  # (B, 38) bool: joints of which there is a truth
+    known: Tensor  # (B, 38) bool: joints whose true rotation is known
 
 
 def read_arm_recordings(
     clips: Iterable[Clip], bodies: int = 1, rng: np.random.Generator | None = None
 ) -> ArmRecordings:
-    """Read every clip once as recorded and, with `rng`, `bodies` − 1 times augmented (`varied`)."""
+    """Read every clip once as recorded and, with `rng`, `bodies` − 1 times augmented (`augmented`)."""
     at_rate = [resample(clip, RATE) for clip in clips]
     donors = [clip for clip in at_rate if clip.has_fingers]
     points, rotations, kept = [], [], []
     for clip in at_rate:
-        others = [] if rng is None else [varied(clip, donors, rng) for _ in range(bodies - 1)]
+        others = [] if rng is None else [augmented(clip, donors, rng) for _ in range(bodies - 1)]
         for one in (clip, *others):
             points.append(view_points(one.pose).astype(np.float32))
             rotations.append(arms_from_torso(one.pose).astype(np.float32))
@@ -102,8 +102,8 @@ def read_arm_recordings(
     )
 
 
-def varied(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip:
-    """The clip on the default body with other proportions, arms that wander, half the time those of another clip."""
+def augmented(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip:
+    """Augment a clip on the default body: other proportions, slow random arm motion, in half of them other arms."""
     other = replace(clip, pose=Pose(default_skeleton(), clip.pose.root_position, clip.pose.rotation))
     if clip.has_fingers and rng.random() < 0.5:
         other = with_arms_of(other, donors, rng)
@@ -111,9 +111,9 @@ def varied(clip: Clip, donors: Sequence[Clip], rng: np.random.Generator) -> Clip
 
 
 def film(
-    frames: ArmRecordings, windows: Windows, which: np.ndarray, studio: Studio, rng: np.random.Generator
+    frames: ArmRecordings, windows: Windows, which: np.ndarray, studio: VideoSimulation, rng: np.random.Generator
 ) -> tuple[ArmKeypoints, np.ndarray]:
-    """Key-points (B, T) of the windows `which` (B,), each by a camera of its own, and true rotations (B, T, 38, 4)."""
+    """Return key-points (B, T) of windows `which` (B,), each by its own camera, and true rotations (B, T, 38, 4)."""
     row = windows.frames(which)
     if studio.begun:
         first = np.where(rng.random(len(row)) < studio.begun, rng.integers(1, windows.length, len(row)), 0)
@@ -130,7 +130,7 @@ def film(
 
 
 def make_batch(
-    frames: ArmRecordings, windows: Windows, which: np.ndarray, studio: Studio, rng: np.random.Generator
+    frames: ArmRecordings, windows: Windows, which: np.ndarray, studio: VideoSimulation, rng: np.random.Generator
 ) -> ArmBatch:
     """`film`, as tensors."""
     keypoints, rotation = film(frames, windows, which, studio, rng)

@@ -1,6 +1,6 @@
 """PAHMT, Table 1: the errors of networks of arms and hands on filmed windows of a data set. Needs PyTorch.
 
-Every network is asked about the same windows, filmed by the same cameras with the same errors of a detector.
+All networks are scored on equal windows, cameras and errors of the detector.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from bodysense_lab.datasets import Census, DataSet, census_of, describe_data
 from bodysense_lab.pahmt.errors import EVERY, table_errors
 from bodysense_lab.pahmt.features import window_of
 from bodysense_lab.pahmt.network import ArmNetwork, read_arms
-from bodysense_lab.pahmt.options import TABLE_1, Studio, TableRow
+from bodysense_lab.pahmt.options import TABLE_1, TableRow, VideoSimulation
 from bodysense_lab.pahmt.recordings import FRAMES, RATE, film, read_arm_recordings
 from bodysense_lab.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.table import Cell, Report, bound_cells, cell, finite, ordering
@@ -45,7 +45,7 @@ _BATCH = 128  # windows that are computed together
 
 @dataclass(frozen=True, eq=False)
 class ScoredRow:
-    """One row: what it is, and its figures."""
+    """One row and its figures."""
 
     name: str
     row: TableRow
@@ -91,7 +91,7 @@ def score_arms(
     stride: int,
     seed: int,
     advance: Callable[[Clip], None],
-    studio: Studio = Studio(),
+    studio: VideoSimulation = VideoSimulation(),
 ) -> tuple[list[ScoredRow], Census]:
     """Add the figures of clips with fingers to the rows; return these, and how much motion that was.
 
@@ -122,8 +122,8 @@ def score_arms(
                 if row.network is None:
                     continue
                 with torch.no_grad():
-                    said = row.network.quaternions(row.network(window)).numpy()
-                count(row, clip, table_errors(said, truth, row.network.config.joints))
+                    predicted = row.network.quaternions(row.network(window)).numpy()
+                count(row, clip, table_errors(predicted, truth, row.network.config.joints))
     if not census.clips:
         raise BodysenseError(f"{data.path}: no clip with fingers of {FRAMES} frames; give motion with fingers")
     return rows, census
@@ -181,10 +181,10 @@ def _curves(rows: list[ScoredRow]) -> Iterator[LinePanel]:
 
 def _panel(rows: list[ScoredRow], measure: str, place: int) -> BarPanel:
     """Return bars of our figures and the paper's, cm."""
-    shown = [row for row in rows if cell(row.get(measure)) is not None]
-    ours = plain_bars("bodysense", [100 * row.get(measure) for row in shown])
-    published = [100 * row.row.published[place] if len(row.row.published) > place else None for row in shown]
-    groups = tuple(row.name for row in shown)
+    scored_rows = [row for row in rows if cell(row.get(measure)) is not None]
+    ours = plain_bars("bodysense", [100 * row.get(measure) for row in scored_rows])
+    published = [100 * row.row.published[place] if len(row.row.published) > place else None for row in scored_rows]
+    groups = tuple(row.name for row in scored_rows)
     return BarPanel(
         MEASURES[measure].rpartition(",")[0], groups, (ours, plain_bars("the paper", published)), "MPJPE, cm"
     )
@@ -227,7 +227,7 @@ def _remarks(rows: Mapping[str, ScoredRow]) -> Iterator[str]:
     for claim, better, worse, measure in claims:
         if better in rows and worse in rows:
             figures = [rows[name].tallies["main", measure].named(rows[name].row.title) for name in (better, worse)]
-            said = ordering(claim, figures[0], figures[1:], MEASURES[measure].rpartition(", ")[2], 4)
+            remark = ordering(claim, figures[0], figures[1:], MEASURES[measure].rpartition(", ")[2], 4)
             share = 1 - figures[0].value / figures[1].value
-            if said is not None and math.isfinite(share):
-                yield f"{said} {abs(share):.0%} {'less' if share > 0 else 'more'}."
+            if remark is not None and math.isfinite(share):
+                yield f"{remark} {abs(share):.0%} {'less' if share > 0 else 'more'}."

@@ -18,7 +18,7 @@ from bodysense_lab.checkpoint import identity
 from bodysense_lab.fit import Task, process_seed
 from bodysense_lab.pahmt.errors import ARMS, table_errors
 from bodysense_lab.pahmt.network import ArmNetwork
-from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, Studio
+from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, VideoSimulation
 from bodysense_lab.pahmt.recordings import ArmBatch, ArmRecordings, arm_positions, arms_alone, make_batch
 from bodysense_lab.precision import layer_autocast
 from bodysense_lab.windows import Windows
@@ -28,29 +28,29 @@ _WATCHED = ("overall_m", "arms_deg", "hands_m", "fingers_deg")  # errors in a ru
 
 
 class Pair(nn.Module):
-    """The network and the discriminator that it plays against."""
+    """The network and its discriminator."""
 
     def __init__(self, network: ArmNetwork) -> None:
         super().__init__()
         self.network, self.discriminator = network, Discriminator(network.config)
 
 
-def arm_loss(network: ArmNetwork, said: Tensor, batch: ArmBatch, schedule: ArmSchedule) -> dict[str, Tensor]:
-    """The weighted terms of eq. 18 and their sum, 'loss', of regressed rotations (B, T, joints, 3 or 6).
+def arm_loss(network: ArmNetwork, predicted: Tensor, batch: ArmBatch, schedule: ArmSchedule) -> dict[str, Tensor]:
+    """Return the weighted terms of eq. 18 and their sum, 'loss', for regressed rotations (B, T, joints, 3 or 6).
 
     'rotation' is the L1 distance of what is regressed (eq. 15), 'smooth' the L1 norm of its change (eq. 16), 'fk' the
-    distance of joints on a character's arms, chest fixed (eq. 17); what is not known is left out.
+    distance of joints on a character's arms, chest fixed (eq. 17). Unknown joints are left out.
     """
     joints = list(network.config.joints)
     known, truth = batch.known[:, None, joints], batch.rotation[:, :, joints]
     wanted, terms = network.regressed(truth), {}
     if "rotation" in schedule.losses:
         heavier = torch.tensor([schedule.arms if joint in ARMS else 1.0 for joint in joints])
-        terms["rotation"] = schedule.rotation * _mean((said - wanted).abs().mean(dim=-1), known * heavier)
+        terms["rotation"] = schedule.rotation * _mean((predicted - wanted).abs().mean(dim=-1), known * heavier)
     if "smooth" in schedule.losses:
-        terms["smooth"] = schedule.smooth * _mean((said[:, 1:] - said[:, :-1]).abs().mean(dim=-1), known)
+        terms["smooth"] = schedule.smooth * _mean((predicted[:, 1:] - predicted[:, :-1]).abs().mean(dim=-1), known)
     if "fk" in schedule.losses or "motion" in schedule.losses:
-        missed = arm_positions(network.quaternions(said), joints) - arm_positions(truth, joints)
+        missed = arm_positions(network.quaternions(predicted), joints) - arm_positions(truth, joints)
         there = points_known(batch.known, joints)[:, None]
         if "fk" in schedule.losses:
             terms["fk"] = schedule.fk * _mean(_length(missed), there)
@@ -60,14 +60,14 @@ def arm_loss(network: ArmNetwork, said: Tensor, batch: ArmBatch, schedule: ArmSc
 
 
 def points_known(known: Tensor, joints: list[int]) -> Tensor:
-    """(B, 49) bool: points of `arms_alone` that a joint moves that is estimated and known (B, 38)."""
+    """Return (B, 49) bool: points of `arms_alone` whose parent joint is predicted and `known` (B, 38)."""
     skeleton = arms_alone()
-    moved = torch.zeros(len(known), len(skeleton.points), dtype=torch.bool)
+    affected = torch.zeros(len(known), len(skeleton.points), dtype=torch.bool)
     for point in range(1, len(skeleton.points)):
         above = skeleton.parents[point] - 1  # `ARM_JOINTS` follow the chest
         if above in joints:
-            moved[:, point] = known[:, above]
-    return moved
+            affected[:, point] = known[:, above]
+    return affected
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,15 +120,17 @@ class ArmTask(Task):
         """Compute the loss of the network plus, with 'gan', of the discriminator (eqs. 13, 14), gradients apart."""
         pair, schedule = self.network, self.schedule
         with layer_autocast(batch.rotation.device):
-            said = pair.network(batch.window).float()
-        terms = arm_loss(pair.network, said, batch, schedule)
+            predicted = pair.network(batch.window).float()
+        terms = arm_loss(pair.network, predicted, batch, schedule)
         if "gan" in schedule.losses:
             pair.discriminator.requires_grad_(False)
-            terms["gan"] = schedule.gan * _judged(pair.discriminator(said), 1.0)
+            terms["gan"] = schedule.gan * _judged(pair.discriminator(predicted), 1.0)
             pair.discriminator.requires_grad_(True)
             recorded = pair.network.regressed(batch.rotation[:, :, list(pair.network.config.joints)])
-            told = _judged(pair.discriminator(recorded), 1.0) + _judged(pair.discriminator(said.detach()), 0.0)
-            terms["told"] = told / 2
+            discriminator_loss = _judged(pair.discriminator(recorded), 1.0) + _judged(
+                pair.discriminator(predicted.detach()), 0.0
+            )
+            terms["told"] = discriminator_loss / 2
             terms["loss"] = terms["loss"] + terms["gan"] + terms["told"]
         return terms, None
 
@@ -167,7 +169,7 @@ def batch_of(frames: ArmRecordings, windows: Windows, schedule: ArmSchedule, ste
     return make_batch(frames, both, np.arange(len(both)), schedule.studio, rng)
 
 
-def validation_batches(frames: ArmRecordings, studio: Studio) -> Iterator[ArmBatch]:
+def validation_batches(frames: ArmRecordings, studio: VideoSimulation) -> Iterator[ArmBatch]:
     """The windows on which runs are watched, always filmed alike, not mirrored."""
     studio = replace(studio, mirrored=False)
     windows, rng = frames.windows(), np.random.default_rng(0)
@@ -177,14 +179,16 @@ def validation_batches(frames: ArmRecordings, studio: Studio) -> Iterator[ArmBat
 
 
 @torch.no_grad()
-def validate_arms(network: ArmNetwork, frames: ArmRecordings, studio: Studio = Studio()) -> dict[str, float]:
+def validate_arms(
+    network: ArmNetwork, frames: ArmRecordings, studio: VideoSimulation = VideoSimulation()
+) -> dict[str, float]:
     """Mean errors on validation windows: `overall_m` (not of hands alone), `hands_m`, `arms_deg`, `fingers_deg`."""
     training = network.training
     network.eval()
     rows: list[dict[str, float]] = []
     for batch in validation_batches(frames, studio):
-        said = network.quaternions(network(batch.window)).numpy()
-        errors = table_errors(said, batch.rotation.numpy(), network.config.joints)
+        predicted = network.quaternions(network(batch.window)).numpy()
+        errors = table_errors(predicted, batch.rotation.numpy(), network.config.joints)
         rows.append({name: float(errors[name].mean()) for name in _WATCHED if name in errors})
     network.train(training)
     return {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}

@@ -1,4 +1,4 @@
-"""The paper's baselines: a hidden marker stays, moves on, or is made of the others (two-hands, section 3.2.1)."""
+"""The paper's baselines of markers (section 3.2.1), and inverse kinematics of fingers (section 6.2.2)."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from bodysense.devices.gloves.gap_fillers import MARKER_COUNT, missing
 
 @dataclass(frozen=True)
 class LastKnown:
-    """A hidden marker stays where it was last known."""
+    """Keep a hidden marker at its last known position."""
 
     def start(self, hands: int) -> np.ndarray:
-        """Nothing known: all NaN."""
+        """Return the state without known markers: all NaN."""
         return np.full((hands, MARKER_COUNT, 3), np.nan)
 
     def fill(self, markers: np.ndarray, interval: float, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -39,7 +39,7 @@ class LastKnown:
 
 
 class AverageState(NamedTuple):
-    """Markers as last shown, their velocity, and steps of the last moments: (interval, step, whether known)."""
+    """The last output, velocities, and recent steps: (interval, step, whether known)."""
 
     place: np.ndarray  # (H, 9, 3) m
     velocity: np.ndarray  # (H, 9, 3) m/s
@@ -49,7 +49,7 @@ class AverageState(NamedTuple):
 
 @dataclass(frozen=True)
 class MovingAverage:
-    """A hidden marker moves on with its mean velocity over the last `seconds` in which it was known."""
+    """Move a hidden marker with its mean velocity over the last `seconds` in which it was known."""
 
     seconds: float = 1 / 3
 
@@ -115,7 +115,7 @@ class AffineCombination:
         return filled, AffineState(filled, known, state.known, weights)
 
     def _weights(self, place: np.ndarray, used: np.ndarray) -> np.ndarray:
-        """(H, 9, 9): what every marker is made of, 0 for those not used; equation 8 in its 4 × 4 form."""
+        """Return weights (H, 9, 9) of each marker, 0 for unused ones: equation 8 in its 4 × 4 form."""
         of = np.concatenate([np.nan_to_num(place - _mean(place, used)), np.ones_like(place[..., :1])], axis=-1)
         by = of * used[..., None]
         normal = by.swapaxes(1, 2) @ by + self.regularization * np.eye(4)
@@ -133,7 +133,7 @@ _AXIS = np.array([0.0, 0.0, 1.0])  # of a joint's own axes: fingers flex about �
 
 @dataclass(frozen=True)
 class FingerLimits:
-    """Degrees: of base joints to either side, of the others the flexion (two-hands, section 6.2.2)."""
+    """Limits in degrees: of base joints to either side, of hinges the flexion (two-hands, section 6.2.2)."""
 
     flexion: float = 45.0
     abduction: float = 45.0
@@ -142,7 +142,7 @@ class FingerLimits:
 
 
 def solve_fingers(hand: Skeleton, tips: np.ndarray, limits: FingerLimits | None = None, rounds: int = 30) -> np.ndarray:
-    """Points (N, 21, 3) m of hands, from the wrist in its axes, whose fingertips reach for `tips` (N, 5, 3) m.
+    """Solve for points (N, 21, 3) m, from the wrist in its axes, whose fingertips reach for `tips` (N, 5, 3) m.
 
     Starts from the flat hand. Without limits every joint is a ball; with them the outer ones are hinges. `tips` are in
     the order of `body.hand.FINGERS`.
@@ -163,7 +163,7 @@ def solve_fingers(hand: Skeleton, tips: np.ndarray, limits: FingerLimits | None 
 def _turned(
     turns: np.ndarray, joint: int, bones: np.ndarray, basis: np.ndarray, goal: np.ndarray, limits: FingerLimits | None
 ) -> np.ndarray:
-    """The local rotation (N, 5, 4) of one joint of each finger that brings its tip nearest to its goal (N, 5, 3)."""
+    """Return local rotations (N, 5, 4) of one joint of each finger that bring its tip nearest to its goal (N, 5, 3)."""
     places, world = _places(turns, bones)
     parent = world[:, :, joint - 1] if joint else quaternion_identity(places[:, :, 0])
     into = quaternion_conjugate(parent)
@@ -176,7 +176,7 @@ def _turned(
 
 
 def _held(turn: np.ndarray, basis: np.ndarray, limits: FingerLimits) -> np.ndarray:
-    """Rotations (N, 5, 4) of base joints, their angles about the joints' own axes within limits."""
+    """Clip rotations (N, 5, 4) of base joints to limits of the angles about the joints' own axes."""
     own = quaternion_multiply(quaternion_multiply(quaternion_conjugate(basis), turn), basis)
     most = np.radians([limits.flexion, limits.abduction, limits.twist])
     held = euler_to_quaternion(np.clip(quaternion_to_euler(own, "ZYX"), -most, most), "ZYX")
@@ -186,7 +186,7 @@ def _held(turn: np.ndarray, basis: np.ndarray, limits: FingerLimits) -> np.ndarr
 def _hinged(
     turn: np.ndarray, here: np.ndarray, there: np.ndarray, axis: np.ndarray, limits: FingerLimits
 ) -> np.ndarray:
-    """Rotations (N, 5, 4) of hinges after the turn about `axis` (5, 3) from `here` toward `there`, within limits."""
+    """Turn hinges about `axis` (5, 3) from `here` toward `there`, within limits; return rotations (N, 5, 4)."""
     here, there = here - dot(here, axis) * axis, there - dot(there, axis) * axis
     more = np.arctan2(dot(cross(here, there), axis), dot(here, there))
     before = 2 * np.arctan2(dot(turn[..., 1:], axis), turn[..., :1])

@@ -1,7 +1,7 @@
-"""Settings of gloves, chosen on hands that are in no table: half-lives of offsets, and of poses with inertial sensors.
+"""Choice of glove settings on hands that no table scores: half-lives of offsets, and of angles of inertial sensors.
 
-The hands are drawn from the hand shape space with a seed of their own. They move as recorded hands of the validation
-split, or by themselves. A value is scored by the mean of its errors over all durations, and the best is chosen. Of
+The hands are drawn from the hand shape space with a separate seed. Their motion is recorded, from the validation split,
+or synthesised. A value is scored by the mean of its errors over all durations, and the best is chosen. Of
 offsets it is the longest half-life within 2 % of the best: real hands differ more from those of training than drawn
 ones.
 """
@@ -28,20 +28,20 @@ from bodysense_lab.two_hands.hand_pairs import SYNTHESISED
 from bodysense_lab.two_hands.scores import ALONE, SYNTHETIC_SECONDS, GloveTable, HandTask
 from bodysense_lab.two_hands.trials import DURATIONS, LAST, HandErrors, Trials, cut, hide_some, marker_error, together
 
-CHOICE_SEED = 31  # of the drawn hands; no table has it
+CHOICE_SEED = 31  # of the drawn hands; no table uses it
 HIDDEN_MARKERS = (1, 4)
 LOST_FINGERS = 3
 
 
 @dataclass(frozen=True)
 class Candidates:
-    """Values that are tried of one setting."""
+    """Candidate values of one setting."""
 
     title: str
     values: tuple[float | None, ...]
     default: float | None
     seconds: tuple[float, ...]  # s for which markers are hidden
-    within: float = 0.0  # of the least error: the longest half-life whose error is not larger than that is chosen
+    within: float = 0.0  # share over the least error; the longest half-life within it is chosen
 
 
 CANDIDATES = {
@@ -62,10 +62,10 @@ def measure_settings(task: HandTask) -> HandErrors:
     """Errors, cm, under (setting, value, seconds)."""
     means, models = HandErrors(task.person), load_glove_models()
     rng = np.random.default_rng([CHOICE_SEED, crc32(task.motions[0].name.encode())])
-    worn = [(motion, draw_hand(rng)) for motion in task.motions]
-    if task.group == SYNTHESISED:  # a motion of its own, too
-        worn = [(synthesize_hand(hand.skeleton, SYNTHETIC_SECONDS, rng), hand) for _, hand in worn]
-    trials = _joined(worn, LAST, rng)
+    pairs = [(motion, draw_hand(rng)) for motion in task.motions]
+    if task.group == SYNTHESISED:  # synthesise the motion, too
+        pairs = [(synthesize_hand(hand.skeleton, SYNTHETIC_SECONDS, rng), hand) for _, hand in pairs]
+    trials = _joined(pairs, LAST, rng)
     for count in HIDDEN_MARKERS if trials is not None else ():
         assert trials is not None
         hidden = hide_some(len(trials), count, rng)
@@ -73,7 +73,7 @@ def measure_settings(task: HandTask) -> HandErrors:
             filler = NetworkGapFiller(models.markers, trials.hands, trials.gloves, value)
             for seconds, error in zip(DURATIONS, marker_error(trials, hidden, filler), strict=True):
                 means.add(("fading", value, seconds), error)
-    longer = _joined(worn, SCORED, rng)
+    longer = _joined(pairs, SCORED, rng)
     if longer is not None:
         lost, seed = hide_some(len(longer), LOST_FINGERS, rng, len(FINGERS)), int(rng.integers(2**31))
         for value in CANDIDATES["aside"].values:
@@ -85,16 +85,16 @@ def measure_settings(task: HandTask) -> HandErrors:
 
 
 def _joined(
-    worn: Sequence[tuple[HandMotion, GlovedHand]], last: Sequence[int], rng: np.random.Generator
+    pairs: Sequence[tuple[HandMotion, GlovedHand]], last: Sequence[int], rng: np.random.Generator
 ) -> Trials | None:
     """Return trials of motions on their hands; None if all motions are too short."""
-    parts = [cut([motion], STRIDE, rng, hand, last) for motion, hand in worn]
+    parts = [cut([motion], STRIDE, rng, hand, last) for motion, hand in pairs]
     found = [part for part in parts if part is not None]
     return together(found) if found else None
 
 
 def settings_report(table: GloveTable) -> Report:
-    """Mean errors of every value, and which is the best."""
+    """Report the mean errors of every value, and the best value."""
     rows, numbers, remarks = [], {}, []
     for name, candidates in CANDIDATES.items():
         means = {}

@@ -98,11 +98,11 @@ class JointTask(GloveTask):
         rng: np.random.Generator,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """All points before the finger rotation, those of fingers after it, where these are in truth, and angles."""
-        told = draw_shapes(frames, frames.motion[rows], rng)
-        markers = (frames.markers[rows] + noise) * told.scale
-        own, points = in_hand(markers, frames.points[rows] * told.scale, told.template)
-        angles = network(_flat(own), torch.from_numpy(told.shape))
-        before = finger_points(angles, torch.from_numpy(told.rest.astype(np.float32)), _tensor(told.axes))
+        shapes = draw_shapes(frames, frames.motion[rows], rng)
+        markers = (frames.markers[rows] + noise) * shapes.scale
+        own, points = in_hand(markers, frames.points[rows] * shapes.scale, shapes.template)
+        angles = network(_flat(own), torch.from_numpy(shapes.shape))
+        before = finger_points(angles, torch.from_numpy(shapes.rest.astype(np.float32)), _tensor(shapes.axes))
         return before, turned_to(before, _tensor(own)), fingers_of(_tensor(points)), angles
 
 
@@ -115,9 +115,9 @@ def draw_markers(
     later = _within(frames, rows, np.maximum(1, np.round(gap)).astype(int) * rng.choice([-1, 1], count))
     both, hidden = np.stack([rows, later]), hide(count, share, rng)
     markers = frames.markers[both] + rng.normal(0.0, noise, (2, count, len(MARKERS), 3))
-    told = draw_shapes(frames, frames.motion[rows], rng)
-    flat, shape = (np.stack([part, part]) for part in (told.template, told.shape))
-    return registered(markers * told.scale, np.stack([hidden, hidden]), shape, flat)
+    shapes = draw_shapes(frames, frames.motion[rows], rng)
+    flat, shape = (np.stack([part, part]) for part in (shapes.template, shapes.shape))
+    return registered(markers * shapes.scale, np.stack([hidden, hidden]), shape, flat)
 
 
 def hide(count: int, share: tuple[float, ...], rng: np.random.Generator) -> np.ndarray:

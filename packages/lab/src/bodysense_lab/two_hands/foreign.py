@@ -1,8 +1,8 @@
-"""Gloves on unseen hands: of a person who was left out of training, of the family of hands, and of the paper's glove.
+"""Gloves on unseen hands: of a person left out of training, drawn hands, and the hand of the paper's glove.
 
 The motion is that of the test clips. *Foreign*: a clip on its own hand, by networks that were trained without its
-person (`bodysense train gloves --leave-one-out`). *Stranger*: on a hand drawn from the family of hands. *Template*: on
-a hand whose markers, when it is flat, are those of the template of the paper's release. Every hand is scored with its
+person (`bodysense train gloves --leave-one-out`). *Stranger*: on a hand drawn from the hand shape space. *Template*:
+on a hand with the markers of the template in the paper's release. Every hand is scored with its
 exact shape, with its size alone, and with the shape that a calibration by the clip's own markers finds.
 """
 
@@ -34,10 +34,10 @@ from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.motion import HandMotion
 from bodysense_lab.two_hands.trials import DURATIONS, HandErrors, Trials, cut, finger_error, hide_some, marker_error
 
-FOREIGN, STRANGER, TEMPLATE = "foreign", "stranger", "template"
-PLACES = {FOREIGN: "left-out hand", STRANGER: "unseen hands", TEMPLATE: "the paper's hand"}
+FOREIGN, UNSEEN, TEMPLATE = "foreign", "stranger", "template"
+PLACES = {FOREIGN: "left-out hand", UNSEEN: "unseen hands", TEMPLATE: "the paper's hand"}
 WAYS = {"nn": "hand known", "untold": "size known", "calibrated": "hand calibrated"}
-ALONE = "network_alone"  # known hand; the network's error is not kept
+ALONE = "network_alone"  # known hand; the offset at hiding is not kept
 _AT_ONCE = 1e-9  # s, half-life of that error
 FEW_MANY = (1, 4)  # markers hidden at once
 _LOOKED = 600  # frames that a calibration looks at: ten seconds
@@ -53,7 +53,7 @@ _TEMPLATE = (
 
 @dataclass(frozen=True)
 class ForeignModels:
-    """Networks for hands that they have not learned; paths, None for packaged ones."""
+    """Networks that are scored on unseen hands; paths, or None for packaged ones."""
 
     markers: Path | None = None
     joints: Path | None = None
@@ -98,8 +98,8 @@ def foreign_fingers(
         for count in FEW_MANY:
             hidden = hide_some(len(trials), count, np.random.default_rng(count))
             for way, taken in ways.items():
-                told = replace(taken, markers=trials.markers, points=trials.points)
-                still, *errors = finger_error(told, hidden, loaded, settings)
+                assumed = replace(taken, markers=trials.markers, points=trials.points)
+                still, *errors = finger_error(assumed, hidden, loaded, settings)
                 means.add((place, way, 0, 0.0), still)
                 for duration, error in zip(DURATIONS, errors, strict=True):
                     means.add((place, way, count, duration), error)
@@ -124,7 +124,7 @@ def foreign_numbers(means: HandErrors) -> dict[str, float]:
 def _settings(
     motions: list[HandMotion], person: str, models: ForeignModels, stride: int, calibrate: bool
 ) -> Iterator[tuple[str, tuple[Path | None, Path | None], Trials, dict[str, Trials]]]:
-    """Every place: its networks, its trials, and what each way takes their hands for."""
+    """Yield each place with its networks, its trials, and the trials with the hands that each way assumes."""
     for place in PLACES:
         files = models.of(place, person)
         if files is None:
@@ -138,7 +138,7 @@ def _settings(
             taken = {"nn": hand, "untold": _sized(hand)}
             if calibrate and (found := _calibrated(motion, hand, load_joint_network(files[1]), rng)) is not None:
                 taken["calibrated"] = found
-            ways = {way: replace(trials, worn=(one,) * len(trials)) for way, one in taken.items()}
+            ways = {way: replace(trials, gloved_hands=(one,) * len(trials)) for way, one in taken.items()}
             yield place, files, trials, ways
 
 
@@ -146,7 +146,7 @@ def unseen_hand(place: str, motion: HandMotion, rng: np.random.Generator) -> Glo
     """Return the hand of a place that makes a motion: the motion's own, a drawn one, or the paper's."""
     if place == FOREIGN:
         return plain_hand(motion.pose.skeleton)
-    return draw_hand(rng) if place == STRANGER else template_hand()
+    return draw_hand(rng) if place == UNSEEN else template_hand()
 
 
 def _sized(hand: GlovedHand) -> GlovedHand:
@@ -188,5 +188,5 @@ def template_hand() -> GlovedHand:
     offset = np.stack(
         [wanted[name] - reached[hand.index(point)] for name, point in zip(glove.markers, glove.points, strict=True)]
     )
-    worn = Glove(glove.markers, glove.points, glove.carried_by, offset, hand_size(hand))
-    return replace(plain_hand(hand), glove=worn)
+    stretched = Glove(glove.markers, glove.points, glove.carried_by, offset, hand_size(hand))
+    return replace(plain_hand(hand), glove=stretched)

@@ -38,19 +38,19 @@ class GloveFrames:
 
 def frames_of(motion: HandMotion, hand: GlovedHand | None = None) -> GloveFrames:
     """Return the frames of one motion, on its own hand or on another one."""
-    worn = plain_hand(motion.pose.skeleton) if hand is None else hand
-    pose = transfer_pose(motion.pose, worn)
+    gloved = plain_hand(motion.pose.skeleton) if hand is None else hand
+    pose = transfer_pose(motion.pose, gloved)
     ratio = hand_size(pose.skeleton) / default_glove().size
     local = _from_wrist(pose)
     points, _ = forward_kinematics(local)
     return GloveFrames(
-        markers=(marker_positions(worn.glove, local) / ratio).astype(np.float32),
+        markers=(marker_positions(gloved.glove, local) / ratio).astype(np.float32),
         points=(points / ratio).astype(np.float32),
         angles=angles_of(motion.pose.rotation[:, 1:]).astype(np.float32),
         motion=np.zeros(len(motion), dtype=np.int64),
         rest=(pose.skeleton.rest_offset[None] / ratio).astype(np.float32),
-        axes=worn.axes[None].astype(np.float32),
-        template=template(worn.glove, pose.skeleton)[None] / ratio,
+        axes=gloved.axes[None].astype(np.float32),
+        template=template(gloved.glove, pose.skeleton)[None] / ratio,
     )
 
 

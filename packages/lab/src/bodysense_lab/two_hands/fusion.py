@@ -26,7 +26,7 @@ from bodysense_lab.datasets import describe_data
 from bodysense_lab.scoring import GROUPS
 from bodysense_lab.synthesis.motion import RATE
 from bodysense_lab.table import Report, cell, finite
-from bodysense_lab.two_hands.foreign import FOREIGN, PLACES, STRANGER, ForeignModels, unseen_hand
+from bodysense_lab.two_hands.foreign import FOREIGN, PLACES, UNSEEN, ForeignModels, unseen_hand
 from bodysense_lab.two_hands.hand_pairs import SYNTHESISED
 from bodysense_lab.two_hands.scores import ALONE, SYNTHETIC_SECONDS, GloveTable, HandTask
 from bodysense_lab.two_hands.trials import (
@@ -43,7 +43,7 @@ from bodysense_lab.two_hands.trials import (
 METHODS = {"markers": "markers alone", "imu": "sensors alone", "fused": "fused"}
 FUSION_PLACES = {
     FOREIGN: PLACES[FOREIGN],
-    STRANGER: PLACES[STRANGER],
+    UNSEEN: PLACES[UNSEEN],
     SYNTHESISED: "unseen hands, synthesised motion",
 }
 FINGER_COUNTS = (1, 2, 3, 4, 5)  # fingers whose markers are hidden
@@ -60,7 +60,7 @@ def measure_fusion(
     """Errors of hidden fingers, cm, under (place, method, hidden fingers, seconds)."""
     motions, group, person = task
     means, files = HandErrors(person), ForeignModels(markers, joints, left_out)
-    places = (FOREIGN, STRANGER) if group == GROUPS[0] else (SYNTHESISED,) if group == SYNTHESISED else ()
+    places = (FOREIGN, UNSEEN) if group == GROUPS[0] else (SYNTHESISED,) if group == SYNTHESISED else ()
     for place in places:
         found = files.of(place, person)
         if found is None:
@@ -68,7 +68,7 @@ def measure_fusion(
         models = load_glove_models(*found)
         rng, parts = np.random.default_rng([crc32(motions[0].name.encode()), len(place)]), []
         for motion in motions:
-            hand = unseen_hand(FOREIGN if place == FOREIGN else STRANGER, motion, rng)
+            hand = unseen_hand(FOREIGN if place == FOREIGN else UNSEEN, motion, rng)
             if (trials := cut([motion], STRIDE, rng, hand, SCORED)) is not None:
                 parts.append(trials)
         if parts:
@@ -129,11 +129,11 @@ def _scored(answers: Mapping[str, PointEstimate]) -> np.ndarray:
     return np.stack([answer.position[list(SCORED)] for answer in answers.values()], axis=1)
 
 
-def _errors(trials: Trials, lost: np.ndarray, told: np.ndarray) -> np.ndarray:
+def _errors(trials: Trials, lost: np.ndarray, predicted: np.ndarray) -> np.ndarray:
     """Return mean errors (5, H) cm of the joints of lost fingers, of points (F, H, 21, 3) m."""
     points, frames = trials.hands[0].indices(FINGER_POINTS), list(SCORED)
     counted = np.repeat(lost, 3, axis=1)
-    error = joint_error(told[:, :, points], trials.points[frames][:, :, points])
+    error = joint_error(predicted[:, :, points], trials.points[frames][:, :, points])
     mean = (error * counted).sum(axis=-1) / counted.sum(axis=-1)
     return np.where(trials.frames > np.array(frames)[:, None], mean, np.nan)
 
@@ -155,8 +155,8 @@ def sensed(trials: Trials) -> Observation:
 
 def _by_sensors(trials: Trials, rotation: np.ndarray, root: np.ndarray, wrist: np.ndarray) -> np.ndarray:
     """Return points (F, H, 21, 3) m of hands placed by their markers, with the flexion of sensors (F, H, 16, 4)."""
-    axes = own_axes(np.stack([hand.axes for hand in trials.worn]))
-    flexion = inertial.sensor_flexion(rotation, axes).flexion
+    axes = own_axes(np.stack([hand.axes for hand in trials.gloved_hands]))
+    flexion = inertial.sense(rotation, axes).flexion
     local = joint_rotations(np.stack([flexion, 0 * flexion, 0 * flexion], axis=-1), axes)
     shape = hand_shape(trials.hands, trials.gloves)
     turned = np.concatenate([wrist[:, :, None], local], axis=2)

@@ -35,9 +35,9 @@ def draw_shapes(frames: GloveFrames, of: np.ndarray, rng: np.random.Generator) -
     count, kind = len(of), rng.random(len(of))
     error = np.where(kind < EXACT, 0.0, rng.random(count))[:, None, None]
     rest, flat = frames.rest[of].astype(float), frames.template[of].astype(float)
-    moved = error * _OFF * rng.standard_normal(rest.shape)
-    moved[:, 0] = 0.0
-    rest = rest + moved
+    displacement = error * _OFF * rng.standard_normal(rest.shape)
+    displacement[:, 0] = 0.0
+    rest = rest + displacement
     flat = flat + error * _OFF * rng.standard_normal(flat.shape)
     axes = quaternion_multiply(quaternion_exp(error * _TURNED * rng.standard_normal((count, 15, 3))), frames.axes[of])
     unknown = (kind > 1 - UNKNOWN)[:, None, None]

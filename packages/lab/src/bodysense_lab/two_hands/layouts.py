@@ -44,12 +44,12 @@ class Layout:
 
     key: str
     title: str
-    worn: GloveSet
+    glove_set: GloveSet
     side: float | None = None  # m: of its plate
 
 
 def layouts() -> tuple[Layout, ...]:
-    """Ours, and others."""
+    """Return our layout and four others."""
     plate, back = {"labels": ["*_P1", "*_P2", "*_P3"]}, [{"label": f"*_{name}", "is": name} for name in MARKERS]
     knuckles = ("pinky_base", "index_base")
     return (
@@ -72,7 +72,7 @@ def layout_table(hands: int, advance: Callable[[], None]) -> Report:
     rows, numbers = [], {}
     for layout in layouts():
         figures = [means.mean(layout.key, way, hidden) for way in _WAYS for hidden in (0, 1)]
-        rows.append((layout.title, len(layout.worn.markers), *figures))
+        rows.append((layout.title, len(layout.glove_set.markers), *figures))
         numbers |= {f"{layout.key}_{way}_{n}_cm": means.mean(layout.key, way, n) for way in _WAYS for n in (0, 1)}
     return Report(
         name="gloves-layouts",
@@ -90,10 +90,12 @@ def layout_table(hands: int, advance: Callable[[], None]) -> Report:
 _WAYS = ("told", "calibrated")
 
 
-def worn_by(layout: Layout, bare: GlovedHand, rng: np.random.Generator) -> GlovedHand:
-    """A hand in the markers of a set, off from where they should sit by what its accuracy says; a plate anywhere."""
-    glove = glove_of(layout.worn, bare.skeleton, bare.axes)
-    offset = glove.offset + rng.normal(size=glove.offset.shape) * [marker.accuracy for marker in layout.worn.markers]
+def wear_glove(layout: Layout, bare: GlovedHand, rng: np.random.Generator) -> GlovedHand:
+    """Put the markers of a layout on a hand, displaced at random by their accuracy; a plate anywhere on its back."""
+    glove = glove_of(layout.glove_set, bare.skeleton, bare.axes)
+    offset = glove.offset + rng.normal(size=glove.offset.shape) * [
+        marker.accuracy for marker in layout.glove_set.markers
+    ]
     if layout.side is not None:
         turn = 2 * np.pi * np.arange(3) / 3 + rng.uniform(0, 2 * np.pi)
         middle = np.array([0.055, 0.035, 0.0]) + rng.normal(size=3) * [0.01, 0.005, 0.008]
@@ -103,20 +105,20 @@ def worn_by(layout: Layout, bare: GlovedHand, rng: np.random.Generator) -> Glove
 
 
 def _scored(layout: Layout, number: int, models: GloveModels) -> Iterator[tuple[str, int, np.ndarray]]:
-    """Way, hidden markers, and errors, cm, of every frame that is scored."""
+    """Yield the way, the number of hidden markers, and the errors (F,) cm of the scored frames."""
     rng = np.random.default_rng([_SEED, number])
-    hand = worn_by(layout, draw_hand(rng), rng)
+    hand = wear_glove(layout, draw_hand(rng), rng)
     pose = transfer_pose(synthesize_hand(hand.skeleton, 2 * SECONDS, rng, RATE).pose, hand)
     markers = np.asarray(marker_positions(hand.glove, pose))
     markers = markers + rng.normal(0.0, NOISE, markers.shape)
     truth = np.asarray(forward_kinematics(pose)[0])[:, hand.skeleton.indices(FINGER_POINTS)]
     half = round(SECONDS * RATE)
     for way in _WAYS:
-        known = hand if way == "told" else fit_hand(markers[:half], layout.worn, models.joints).hand
+        known = hand if way == "told" else fit_hand(markers[:half], layout.glove_set, models.joints).hand
         for hidden in (0, 1):
             seen = markers[half:].copy()
             if hidden:
-                order = rng.permutation(len(layout.worn.markers))
+                order = rng.permutation(len(layout.glove_set.markers))
                 for second, marker in enumerate(np.resize(order, round(SECONDS))):
                     start = round(second * RATE)
                     seen[start + _SETTLED : start + round(RATE), marker] = np.nan
@@ -124,7 +126,7 @@ def _scored(layout: Layout, number: int, models: GloveModels) -> Iterator[tuple[
 
 
 def _errors(known: GlovedHand, seen: np.ndarray, truth: np.ndarray, models: GloveModels, hidden: int) -> np.ndarray:
-    """(F,) cm; where one is hidden, of the frames before it returns."""
+    """Return errors (F,) cm; with a hidden marker, of the frames before it returns."""
     device = glove_device(default_skeleton(), ("left",), models, calibrated={"left": known})
     points = tuple(f"left_glove_{name}" for name in known.glove.markers)
     answer, _ = device.step(observed_markers(points, seen), device.start())

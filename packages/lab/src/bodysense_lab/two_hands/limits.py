@@ -81,14 +81,14 @@ def measure_pair(pair: HandPair, models: GloveModels, cameras: CameraRing, rng: 
         count_penetration(findings, name, motion)
     for name, motion in motions.items():
         count_touches(findings, name, motion, pair)
-        told, true = points_of(motion), points_of(pair)
-        findings.add(f"error_cm_{name}", joint_error(told, true))
-        count_jumps(findings, name, told, true)
+        predicted, true = points_of(motion), points_of(pair)
+        findings.add(f"error_cm_{name}", joint_error(predicted, true))
+        count_jumps(findings, name, predicted, true)
     for share in SPIKES:
         noisy = observe_hands(pair.hands, pair.time, GloveCapture(spikes=share), rng)
         for name, rejection in (("rejected", HandsSettings().rejection), ("believed", None)):
-            told = completed(pair, noisy, models, HandsSettings(rejection=rejection))
-            error = joint_error(points_of(told), points_of(pair))
+            predicted = completed(pair, noisy, models, HandsSettings(rejection=rejection))
+            error = joint_error(points_of(predicted), points_of(pair))
             findings.add(f"spikes_{100 * share:g}_error_cm_{name}", error)
     score = label_accuracy(watched, {name: pose.skeleton for name, pose in pair.hands.items()}, rng)
     for name, share in (("label_accuracy_share", score.right), ("label_wrong_share", score.wrong)):
@@ -97,14 +97,14 @@ def measure_pair(pair: HandPair, models: GloveModels, cameras: CameraRing, rng: 
 
 
 def completed(pair: HandPair, observation: Observation, models: GloveModels, settings: HandsSettings) -> HandPair:
-    """Both hands from their markers, as left hands in their worlds."""
+    """Solve both hands from their markers, as left hands in their own worlds."""
     hands = Hands({name: pose.skeleton for name, pose in pair.hands.items()}, models, settings)
     answers, _ = hands.step(observation, hands.start())
 
     def as_left(side: Side) -> Pose:
-        told = answers[side].pose
-        assert told is not None
-        root, rotation = np.asarray(told.root_position), np.asarray(told.rotation)
+        predicted = answers[side].pose
+        assert predicted is not None
+        root, rotation = np.asarray(predicted.root_position), np.asarray(predicted.rotation)
         skeleton = pair.hands[side].skeleton
         return Pose(skeleton, mirrored_vectors(root, side), mirrored_rotations(rotation, side))
 
@@ -112,12 +112,12 @@ def completed(pair: HandPair, observation: Observation, models: GloveModels, set
 
 
 def points_of(pair: HandPair) -> np.ndarray:
-    """(T, 2, 21, 3) m, of every point, each hand in its own world."""
+    """Return all points (T, 2, 21, 3) m, each hand in its own world."""
     return np.stack([np.asarray(forward_kinematics(pose)[0]) for pose in pair.hands.values()], axis=1)
 
 
 def count_penetration(findings: Findings, name: str, pair: HandPair) -> None:
-    """Frames in which a hand stands in itself, or in the other: their share, and the mean and largest depth, mm."""
+    """Count frames in which a hand penetrates itself or the other: their share, and the mean and largest depth, mm."""
     own = np.maximum(own_depth(pair.left).max(axis=-1), own_depth(pair.right).max(axis=-1))
     mutual = mutual_depth(pair.left, pair.right).max(axis=(-1, -2))
     for kind, depth in (("own", own), ("mutual", mutual), ("any", np.maximum(own, mutual))):
@@ -128,19 +128,19 @@ def count_penetration(findings: Findings, name: str, pair: HandPair) -> None:
 
 
 def count_touches(findings: Findings, name: str, pair: HandPair, truth: HandPair) -> None:
-    """How wide the gap is, mm, between fingertips that touch in truth, and between thumb and index alone."""
-    told, true = fingertip_gaps(pair), fingertip_gaps(truth)
+    """Measure the gaps, mm, between fingertips that truly touch, and between thumb and index finger alone."""
+    predicted, true = fingertip_gaps(pair), fingertip_gaps(truth)
     touching = true < TOUCHING
-    findings.add(f"touch_gap_mm_{name}", 1000 * np.maximum(told, 0.0)[touching])
-    findings.add(f"touch_kept_share_{name}", told[touching] < TOUCHING)
+    findings.add(f"touch_gap_mm_{name}", 1000 * np.maximum(predicted, 0.0)[touching])
+    findings.add(f"touch_kept_share_{name}", predicted[touching] < TOUCHING)
     pinch = touching[:, [0, len(FINGERS) - 1]]  # of each hand the first pair is thumb and index
-    gap = told[:, [0, len(FINGERS) - 1]][pinch]
+    gap = predicted[:, [0, len(FINGERS) - 1]][pinch]
     findings.add(f"pinch_gap_mm_{name}", 1000 * np.maximum(gap, 0.0))
     findings.add(f"pinch_error_mm_{name}", 1000 * np.abs(gap - true[:, [0, len(FINGERS) - 1]][pinch]))
 
 
 def fingertip_gaps(pair: HandPair) -> np.ndarray:
-    """(T, 4 + 4 + 25) m between surfaces: the thumb's last segment and other fingers', of each hand; then of both."""
+    """Return gaps (T, 4 + 4 + 25) m between surfaces: of thumb and fingertips of each hand, then between both hands."""
     first, second = own_pairs()
     rows = [
         int(np.flatnonzero((first == _TIPS[0]) & (second == tip))[0]) for tip in _TIPS[1:]
@@ -155,14 +155,14 @@ def fingertip_gaps(pair: HandPair) -> np.ndarray:
     return np.concatenate([*gaps, mutual.reshape(len(depth), -1)], axis=1)
 
 
-def count_jumps(findings: Findings, name: str, told: np.ndarray, true: np.ndarray) -> None:
+def count_jumps(findings: Findings, name: str, predicted: np.ndarray, true: np.ndarray) -> None:
     """Count how much farther points (T, 2, 21, 3) m go in a frame than in truth, and how their error changes, mm.
 
     Every frame counts with its largest point.
     """
-    step, truth = (np.linalg.norm(np.diff(points, axis=0), axis=-1) for points in (told, true))
+    step, truth = (np.linalg.norm(np.diff(points, axis=0), axis=-1) for points in (predicted, true))
     beyond = (step - truth).max(axis=(1, 2), initial=0.0)
-    error = np.linalg.norm(np.diff(told - true, axis=0), axis=-1)
+    error = np.linalg.norm(np.diff(predicted - true, axis=0), axis=-1)
     findings.add_largest(f"largest_jump_mm_{name}", 1000 * beyond)
     findings.add(f"jump_share_{name}", beyond > JUMP)
     findings.add_largest(f"largest_error_step_mm_{name}", 1000 * error)

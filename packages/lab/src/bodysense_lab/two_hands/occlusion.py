@@ -1,7 +1,7 @@
-"""How many markers of a glove are hidden at once, and for how long: one hand, two hands (two-hands, Figs 13 and 14).
+"""Numbers and durations of hidden markers of gloves, for one hand and two (two-hands, Figs 13 and 14).
 
-A ring of cameras looks at the hands (`devices.simulated.camera_ring`). One hand: the other one is taken away, so that
-both are counted in the same motion.
+A ring of cameras looks at the hands (`devices.simulated.camera_ring`). For one hand the other one is removed, so that
+both cases have equal motion.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ SYNTHESISED_PIECES = 12
 
 @dataclass(frozen=True, eq=False)
 class MarkerHiding:
-    """Hidden markers of hands over some time."""
+    """Numbers and spans of hidden markers in a recording."""
 
     at_once: np.ndarray  # (N + 1,) s with 0 to N of N markers hidden
-    spans: np.ndarray  # (S,) s: how long markers were hidden; of spans that begin and end while they are watched
+    spans: np.ndarray  # (S,) s: lengths of the spans that begin and end within the recording
 
     def __add__(self, other: MarkerHiding) -> MarkerHiding:
         return MarkerHiding(self.at_once + other.at_once, np.concatenate([self.spans, other.spans]))
@@ -62,7 +62,7 @@ class Hidings(dict[Setting, MarkerHiding]):
     """Hidden markers by setting."""
 
     def merge(self, other: Hidings) -> None:
-        """Count what another has counted."""
+        """Add the counts of another."""
         for setting, more in other.items():
             self[setting] += more
 
@@ -110,7 +110,7 @@ def numbers_of(counted: Counted) -> dict[str, float]:
 
 
 def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None, census: Census) -> Report:
-    """The table; without a data set it is of synthesised motion."""
+    """Return the table; without a data set, of synthesised motion."""
     minutes = sum(settings["both"].at_once.sum() for settings in counted.values()) / 60
     synthesised = f"Synthesised motion of two hands, {minutes:.1f} minutes; no body stands in the way."
     main = counted.get("main") or next(iter(counted.values()))
@@ -120,7 +120,7 @@ def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None
         columns=("motion", "", *SETTINGS.values(), "published, one hand"),
         rows=tuple(row for group in GROUPS if group in counted for row in _rows(group, counted[group])),
         numbers=numbers_of(counted) | (census.numbers() if data else {"minutes": minutes}),
-        data=(describe_data(data, census) if data else synthesised, _told(cameras)),
+        data=(describe_data(data, census) if data else synthesised, _camera_text(cameras)),
         remarks=tuple(_remarks(main)),
         caption="Share of the time, %; of the spans in which a marker is hidden, %; their median, s. One hand: the "
         f"other is taken away. Both hands: of {2 * len(MARKERS)} markers. At {RATE:g} Hz.",
@@ -128,7 +128,7 @@ def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None
     )
 
 
-def _told(cameras: CameraRing) -> str:
+def _camera_text(cameras: CameraRing) -> str:
     heights = " and ".join(f"{height:+g}" for height in cameras.heights)
     return (
         f"{cameras.count} cameras, {cameras.radius:g} m from the hands, {heights} m above them; a marker is found "

@@ -48,9 +48,9 @@ class HandTask(NamedTuple):
     person: str = ""  # of the motions, if known
 
 
-# No marker of a trial is wrong, and every trial is a hand by itself, whose neighbours are not there.
+# Trials have no wrong markers, and each has one hand, so that no contact is possible.
 ALONE = HandsSettings(rejection=None, contact=None)
-FOREIGN_STRIDE = 60  # frames from one trial to the next, on hands that were not learned
+FOREIGN_STRIDE = 60  # frames from one trial to the next, on unseen hands
 STRIDE = 30  # frames at 60 Hz from one trial to the next, at each seed from another one on
 SYNTHETIC_SECONDS, SYNTHETIC_SEED = 12.0, 2019
 
@@ -70,11 +70,11 @@ class GloveTable:
         return [group for group in (*GROUPS, SYNTHESISED) if any(key[0] == group for key in self.means)]
 
     def get(self, method: str, hidden: int, duration: float, group: str | None = None) -> float:
-        """One cell, cm; of the main group without one."""
+        """Return one cell, cm, by default of the main group."""
         return self.means.mean(group or self.groups[0], method, hidden, duration)
 
     def tally(self, method: str, hidden: int, duration: float, group: str | None = None) -> Tally:
-        """One cell with its shares by person; of the main group without one."""
+        """Return one cell with its shares by person, by default of the main group."""
         return self.means[group or self.groups[0], method, hidden, duration]
 
     def suffix(self, group: str) -> str:
@@ -107,8 +107,8 @@ def measure(
         for number in range(synthesised):
             yield HandTask([synthetic_hand(number)], SYNTHESISED, f"hand {number}")
 
-    for _, told in parallel_map(work, _of_people(tasks()) if by_person else tasks(), jobs):
-        means.merge(told)
+    for _, part in parallel_map(work, _of_people(tasks()) if by_person else tasks(), jobs):
+        means.merge(part)
         advance()
     return GloveTable(means, census, data, synthesised)
 
@@ -130,7 +130,7 @@ def synthetic_hand(number: int) -> HandMotion:
 def measure_markers(
     task: HandTask, model: Path | None = None, stride: int = STRIDE, left_out: Path | None = None
 ) -> HandErrors:
-    """Table 3 of some motions: errors of hidden markers, cm, under (group, method, hidden, duration)."""
+    """Measure errors of hidden markers for Table 3, cm, under (group, method, hidden, duration)."""
     motions, group, person = task
     network, means = load_marker_network(model), HandErrors(person)
     for trials, count, hidden in _all_trials(motions, stride):
@@ -156,7 +156,7 @@ def measure_fingers(
     stride: int = STRIDE,
     left_out: Path | None = None,
 ) -> HandErrors:
-    """Table 4 of some motions: errors of the joints of fingers, cm, under (group, method, hidden, duration)."""
+    """Measure errors of finger joints for Table 4, cm, under (group, method, hidden, duration)."""
     motions, group, person = task
     models, means = load_glove_models(markers, joints), HandErrors(person)
     for method, limits in (("ik", None), ("ik_tuned", FingerLimits())):
@@ -174,7 +174,7 @@ def measure_fingers(
 
 
 def _all_trials(motions: list[HandMotion], stride: int) -> Iterator[tuple[Trials, int, np.ndarray]]:
-    """Trials of all seeds, how many markers are hidden, and which (H, 9); nothing where motions are too short."""
+    """Yield the trials of all seeds, the number of hidden markers, and which (H, 9); nothing if too short."""
     generators = [np.random.default_rng(seed) for seed in range(SEEDS)]
     parts = [(rng, trials) for rng in generators if (trials := cut(motions, stride, rng)) is not None]
     if not parts:
@@ -185,11 +185,11 @@ def _all_trials(motions: list[HandMotion], stride: int) -> Iterator[tuple[Trials
 
 
 def descent_error(motion: HandMotion, limits: FingerLimits | None, stride: int) -> np.ndarray:
-    """Errors of the joints of fingers by inverse kinematics, cm: (n,), at every `stride` frames, nothing hidden."""
+    """Return errors (n,) cm of finger joints by inverse kinematics, at every `stride` frames, nothing hidden."""
     pose = motion.pose[::stride]
     rotation = np.array(pose.rotation)
     rotation[:, 0] = [1.0, 0.0, 0.0, 0.0]
     true, _ = forward_kinematics(Pose(pose.skeleton, np.zeros_like(pose.root_position), rotation))
     tips, points = (pose.skeleton.indices(names) for names in ([f"{finger}_tip" for finger in FINGERS], FINGER_POINTS))
-    told = solve_fingers(pose.skeleton, true[:, tips], limits)
-    return joint_error(told[:, points], true[:, points]).mean(axis=-1)
+    solved = solve_fingers(pose.skeleton, true[:, tips], limits)
+    return joint_error(solved[:, points], true[:, points]).mean(axis=-1)

@@ -1,7 +1,8 @@
-"""Two hands on a take of gloves: the paper's steps without our own (section 3.2), and its flat-hand calibration.
+"""The two-hands system on a take of gloves: only the paper's steps (section 3.2), and its flat-hand calibration.
 
-Rejection of wrong markers, contact of hands, fading of offsets and restraint of large turns are left out. The body
-around the hands is completed by the tracker.
+Rejection of wrong markers, contact of hands, fading of offsets and restraint of large turns are left out. Markers that
+are found again approach their measured places one by one (`continuity`). The tracker completes the body around the
+hands.
 """
 
 from __future__ import annotations
@@ -10,11 +11,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from bodysense.devices.gloves.fillers import LastShape, NetworkFiller, Stack
 
 from bodysense.arrays import read_arrays
+from bodysense.body.glove import default_glove
 from bodysense.body.hand import glove_hands
 from bodysense.devices.gloves.device import GloveDevice, glove_device, gloved_sides, has_standard_gloves
-from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glove_models
+from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glove_models, natural_markers
 from bodysense.devices.gloves.networks import GloveNetwork, load_joint_network, load_marker_network
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
@@ -24,6 +27,7 @@ from bodysense.open import MotionSource, Opened
 from bodysense.signals import Signal, signal_from
 from bodysense.take import track
 from bodysense_lab.paper_options import PaperOptions, Variant
+from bodysense_lab.two_hands.continuity import Continuity
 from bodysense_lab.weights import packaged
 
 FORMS: tuple[Variant, ...] = ("paper", "shipped")
@@ -84,8 +88,12 @@ def _gloved(opened: Opened, options: PaperOptions) -> Signal:
 
 
 def _device(signal: Signal, models: GloveModels) -> GloveDevice:
-    skeleton = signal.person.skeleton
-    return glove_device(skeleton, gloved_sides(signal.observation.points), models, SETTINGS)
+    sides = gloved_sides(signal.observation.points)
+    device = glove_device(signal.person.skeleton, sides, models, SETTINGS)
+    hands = tuple(device.hands.hands.values())
+    network = Continuity(NetworkFiller(models.markers, hands, fading=None))
+    last = LastShape(np.stack([natural_markers(default_glove(), hand) for hand in hands]))
+    return replace(device, hands=replace(device.hands, filler=Stack((network, last))))
 
 
 def networks_of(options: PaperOptions) -> GloveModels:

@@ -231,6 +231,6 @@ def _marker_remarks(table: GloveTable) -> Iterator[str]:
 def _finger_remarks(table: GloveTable) -> Iterator[str]:
     for method in ("ik", "ik_tuned"):
         lower, higher = (table.tally(one, 0, 0.0).named(_STILL[one]) for one in ("nn", method))
-        said = ordering(f"The network is better than {_STILL[method]}, nothing hidden", lower, [higher], "cm")
-        if said is not None:
-            yield said
+        remark = ordering(f"The network is better than {_STILL[method]}, nothing hidden", lower, [higher], "cm")
+        if remark is not None:
+            yield remark

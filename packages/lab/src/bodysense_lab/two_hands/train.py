@@ -156,8 +156,8 @@ def _both(left: HandMotion, right: HandMotion, own: int, drawn: int, seed: list[
     """Each hand of a person, some times on its own hand and some on hands of the family."""
     for number in range(own + drawn):
         for side, hand in enumerate((left, right)):
-            worn = None if number < own else draw_hand(np.random.default_rng([*seed, number, side]))
-            yield frames_of(hand, worn)
+            other_hand = None if number < own else draw_hand(np.random.default_rng([*seed, number, side]))
+            yield frames_of(hand, other_hand)
 
 
 def _train(

@@ -36,36 +36,36 @@ _AT_ONCE = 400  # trials
 class Trials:
     """H stretches of motion of T frames at 60 Hz; after its end a motion's last frame repeats."""
 
-    worn: tuple[GlovedHand, ...]
+    gloved_hands: tuple[GlovedHand, ...]
     markers: np.ndarray  # (T, H, 9, 3) m
     points: np.ndarray  # (T, H, 21, 3) m
     turned: np.ndarray  # (T, H, 16, 4) wxyz, world ← joint
-    frames: np.ndarray  # (H,) that are of the motion
+    frames: np.ndarray  # (H,) number of frames within the motion
 
     def __len__(self) -> int:
-        return len(self.worn)
+        return len(self.gloved_hands)
 
     @property
     def hands(self) -> tuple[Skeleton, ...]:
         """Their skeletons."""
-        return tuple(hand.skeleton for hand in self.worn)
+        return tuple(hand.skeleton for hand in self.gloved_hands)
 
     @property
     def gloves(self) -> tuple[Glove, ...]:
         """Their gloves."""
-        return tuple(hand.glove for hand in self.worn)
+        return tuple(hand.glove for hand in self.gloved_hands)
 
     def part(self, start: int, stop: int) -> Trials:
         """Return the trials from `start` to `stop`."""
         rows = slice(start, stop)
         of_time = (self.markers[:, rows], self.points[:, rows], self.turned[:, rows])
-        return Trials(self.worn[rows], *of_time, self.frames[rows])
+        return Trials(self.gloved_hands[rows], *of_time, self.frames[rows])
 
 
 def together(several: Sequence[Trials]) -> Trials:
-    """Trials of several parts, in order."""
+    """Concatenate trials."""
     return Trials(
-        tuple(hand for part in several for hand in part.worn),
+        tuple(hand for part in several for hand in part.gloved_hands),
         np.concatenate([part.markers for part in several], axis=1),
         np.concatenate([part.points for part in several], axis=1),
         np.concatenate([part.turned for part in several], axis=1),
@@ -92,23 +92,23 @@ def cut(
     hand: GlovedHand | None = None,
     last: Sequence[int] = LAST,
 ) -> Trials | None:
-    """A trial at every `stride` frames of every motion at 60 Hz, from a random one on; None of motions too short.
+    """Cut a trial at every `stride` frames of every motion at 60 Hz, from a random one on; None if all are too short.
 
-    On the motions' own hands, in default gloves, or on another one. `last` are the frames that are scored.
+    The hands are those of the motions in default gloves, or `hand`. `last` are the frames that are scored.
     """
     length, hands = last[-1] + 1, []
     markers, points, turned, frames = [], [], [], []
     for motion in motions:
         begins = np.arange(int(rng.integers(stride)), len(motion) - last[0], stride)
         rows = np.minimum(begins + np.arange(length)[:, None], len(motion) - 1)
-        worn = plain_hand(motion.pose.skeleton) if hand is None else hand
-        pose = transfer_pose(motion.pose, worn)
-        markers.append(np.asarray(marker_positions(worn.glove, pose))[rows])
+        gloved = plain_hand(motion.pose.skeleton) if hand is None else hand
+        pose = transfer_pose(motion.pose, gloved)
+        markers.append(np.asarray(marker_positions(gloved.glove, pose))[rows])
         place, turn = (np.asarray(part) for part in forward_kinematics(pose))
         points.append(place[rows])
         turned.append(turn[rows])
         frames.append(len(motion) - begins)
-        hands += [worn] * len(begins)
+        hands += [gloved] * len(begins)
     if not hands:
         return None
     return Trials(
@@ -121,14 +121,14 @@ def cut(
 
 
 def hide_some(trials: int, count: int | np.ndarray, rng: np.random.Generator, of: int = len(MARKERS)) -> np.ndarray:
-    """(H, 9) bool: `count` random markers of each (a number, or (H, 1)), or as many of `of` other things."""
+    """Choose `count` random markers (a number, or (H, 1)) of each trial: (H, 9) bool; or of `of` other things."""
     return rng.random((trials, of)).argsort(axis=1).argsort(axis=1) < count
 
 
 def marker_error(trials: Trials, hidden: np.ndarray, filler: GapFiller) -> np.ndarray:
-    """Mean error of the markers `hidden` (H, 9) on the last frame of each duration, cm: (5, H).
+    """Return the mean error of the markers `hidden` (H, 9) on the last frame of each duration, cm: (5, H).
 
-    NaN where the motion ends before. `filler` knows the trials' hands.
+    NaN if the motion ends before. `filler` is made for the hands of the trials.
     """
     state, errors = filler.start(len(trials)), []
     for frame in range(LAST[-1] + 1):
@@ -144,7 +144,7 @@ def marker_error(trials: Trials, hidden: np.ndarray, filler: GapFiller) -> np.nd
 
 
 def finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, settings: HandsSettings) -> np.ndarray:
-    """Mean error of the joints of fingers through the whole run time, cm: (6, H).
+    """Return the mean error of finger joints by the whole solver, cm: (6, H).
 
     On the frame before markers are hidden, and on the last of each duration. NaN where the motion ends before.
     """
@@ -160,9 +160,9 @@ def _finger_error(trials: Trials, hidden: np.ndarray, models: GloveModels, setti
     hands = hands_of(trials, models, settings)
     answers, _ = hands.step(observed(trials, hidden), hands.start())
     points = trials.hands[0].indices(FINGER_POINTS)
-    told = np.stack([answers[name].position for name in hands.hands], axis=1)
+    predicted = np.stack([answers[name].position for name in hands.hands], axis=1)
     frames = [BEFORE - 1, *LAST]
-    error = joint_error(told[frames][:, :, points], trials.points[frames][:, :, points]).mean(axis=-1)
+    error = joint_error(predicted[frames][:, :, points], trials.points[frames][:, :, points]).mean(axis=-1)
     return np.where(trials.frames > np.array(frames)[:, None], error, np.nan)
 
 
@@ -174,7 +174,7 @@ def hands_of(trials: Trials, models: GloveModels, settings: HandsSettings) -> Ha
         models,
         settings,
         gloves=dict(zip(names, trials.gloves, strict=True)),
-        axes=np.stack([hand.axes for hand in trials.worn]),
+        axes=np.stack([hand.axes for hand in trials.gloved_hands]),
     )
 
 

@@ -1,4 +1,4 @@
-"""The second baseline of UNOC's Table 2: a hidden point keeps the velocity that it was last seen with."""
+"""The second baseline of UNOC's Table 2: a hidden point keeps its last known velocity."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def constant_velocity(observation: Observation, skeleton: Skeleton) -> np.ndarra
     seen = seen.copy()
     seen[:, fingers] &= seen[:, wrist[fingers]]
     held[:, fingers] -= held[:, wrist[fingers]]
-    moved = held.copy()
+    extrapolated = held.copy()
     velocity, hidden_for = np.zeros(held.shape[1:]), np.zeros(held.shape[1])
     for t in range(1, len(held)):
         interval = observation.time[t] - observation.time[t - 1]
         step = np.where((seen[t] & seen[t - 1])[:, None], (held[t] - held[t - 1]) / interval, 0.0)
         velocity = np.where(seen[t][:, None], step, velocity)
         hidden_for = np.where(seen[t], 0.0, hidden_for + interval)
-        moved[t] = held[t] + velocity * np.minimum(hidden_for, LONGEST)[:, None]
-    moved[:, fingers] += moved[:, wrist[fingers]]
-    return moved
+        extrapolated[t] = held[t] + velocity * np.minimum(hidden_for, LONGEST)[:, None]
+    extrapolated[:, fingers] += extrapolated[:, wrist[fingers]]
+    return extrapolated

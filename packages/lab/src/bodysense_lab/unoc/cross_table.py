@@ -169,8 +169,8 @@ def synthesis_errors(sets: Sequence[DataSet], models: Mapping[str, PointModel]) 
             truth = finger_offsets(clip)
             for train, model in models.items():
                 method = FingerSynthesis(clip.pose.skeleton, model, half_life=0)
-                placed, _ = method.step(clip.pose, clip.time, method.start())
-                error = joint_error(placed[:, np.argsort(method.places)], truth)
+                predicted, _ = method.step(clip.pose, clip.time, method.start())
+                error = joint_error(predicted[:, np.argsort(method.places)], truth)
                 errors.add((train, data.name), error, clip.person)
     return errors
 

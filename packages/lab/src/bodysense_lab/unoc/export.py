@@ -14,7 +14,7 @@ from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.papers.point_model import FORMAT as POINT_FORMAT
 from bodysense.papers.point_model import Task
 from bodysense_lab.export import export
-from bodysense_lab.unoc.episodes import RATE
+from bodysense_lab.unoc.body_sequences import RATE
 from bodysense_lab.unoc.learned import FORMAT
 from bodysense_lab.unoc.network import BodyNetwork, PredictorState, TrackedBody
 from bodysense_lab.unoc.point_network import PointNetwork, TrackedPoints

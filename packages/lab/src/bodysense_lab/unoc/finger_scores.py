@@ -112,12 +112,12 @@ def answers(clip: Clip, examples: Examples, model: PointModel) -> dict[str, np.n
     """Offsets (T, O, 3) m of every method on a clip at 30 Hz."""
     skeleton = clip.pose.skeleton
     method, size = FingerSynthesis(skeleton, model, half_life=0), hand_length(skeleton)
-    placed, _ = method.step(clip.pose, clip.time, method.start())
+    predicted, _ = method.step(clip.pose, clip.time, method.start())
     order = np.argsort(method.places)
     return {
-        "network": placed[:, order],
+        "network": predicted[:, order],
         "bodysense": finger_offsets(synthesize(clip, model)),
-        "mean_pose": np.broadcast_to(size * examples.mean, placed.shape),
+        "mean_pose": np.broadcast_to(size * examples.mean, predicted.shape),
         "nearest": size * examples.nearest(body_features(clip).astype(np.float32)),
     }
 

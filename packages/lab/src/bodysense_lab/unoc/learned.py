@@ -87,7 +87,7 @@ class Learned:
         """Complete T frames, one after the other."""
         position, rotation, has_position, has_rotation = observed_points(observation, self.skeleton)
         head = self.skeleton.index("head")
-        guesses, hidden, errors = [], [], []
+        predictions, hidden, errors = [], [], []
         for t, time in enumerate(observation.time):
             state = LearnedState(
                 state.network,
@@ -96,12 +96,12 @@ class Learned:
                 rotation[t, head] if has_rotation[t, head] else state.head_rotation,
             )
             answer, state = self._run(position[t], has_position[t], float(time), state)
-            for row, name in ((guesses, "completed"), (hidden, "occluded"), (errors, "error")):
+            for row, name in ((predictions, "completed"), (hidden, "occluded"), (errors, "error")):
                 row.append(answer[name][0, 0])
         seen = has_position[..., None]
         estimate = PointEstimate(
             skeleton=self.skeleton,
-            position=np.where(seen, position, np.stack(guesses)),
+            position=np.where(seen, position, np.stack(predictions)),
             occluded=np.stack(hidden),
             confidence=np.where(has_position, MEASURED_ERROR, np.stack(errors)),
         )

@@ -99,10 +99,10 @@ class LearnedUpperBody:
         """Positions (P, 3) m and expected errors (P,) m of the whole body in one frame."""
         skeleton = self.skeleton
         position, rotation = state.last.world
-        placed, expected, network = self._runner.step(position[self._order], rotation, time, state.network)
+        predicted, expected, network = self._runner.step(position[self._order], rotation, time, state.network)
 
         whole = np.zeros((len(skeleton.points), 3))
-        whole[self._places], whole[self._oriented] = placed, position
+        whole[self._places], whole[self._oriented] = predicted, position
         shoulders, elbows, wrists = self._arms
         upper, fore = self.skeleton.bone_length[elbows, None], self.skeleton.bone_length[wrists, None]
         whole[shoulders], whole[elbows] = fitted_arms(whole[shoulders], whole[elbows], whole[wrists], upper, fore)

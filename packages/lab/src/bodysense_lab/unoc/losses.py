@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from bodysense_lab.unoc.episodes import EpisodeBatch
+from bodysense_lab.unoc.body_sequences import BodyBatch
 from bodysense_lab.unoc.network import BodyNetwork, BodyPrediction
 
 
@@ -26,9 +26,7 @@ class LossWeights:
     sums: bool = False  # bones and occlusion are sums over points, as the paper prints L_kin and L_occ
 
 
-def body_loss(
-    model: BodyNetwork, answer: BodyPrediction, truth: EpisodeBatch, weights: LossWeights
-) -> dict[str, Tensor]:
+def body_loss(model: BodyNetwork, answer: BodyPrediction, truth: BodyBatch, weights: LossWeights) -> dict[str, Tensor]:
     """The weighted terms and their sum, 'loss'. Distances are Euclidean; terms that a clip cannot teach are masked."""
     points, device = len(model.skeleton.points), truth.offset.device
     is_finger = torch.zeros(points, dtype=torch.bool, device=device)

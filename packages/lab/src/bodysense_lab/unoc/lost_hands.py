@@ -1,4 +1,4 @@
-"""Tracking failures: spans in which a hand is lost although the camera sees it."""
+"""Tracking failures: spans in which a visible hand is lost."""
 
 from __future__ import annotations
 

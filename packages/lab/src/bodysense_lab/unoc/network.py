@@ -156,9 +156,9 @@ class BodyNetwork(nn.Module):
         self.place = branch(both, config.branch, 3 * (other if own is None else len(self.body)))
         self.place_fingers = None if own is None else branch(both, own, 3 * len(self.finger), dropout)
         self.judge = branch(both, config.judge_branch, points * len(config.judges)) if config.judges else None
-        # Where each point stands in what the branches say, the head, which is known, last.
-        said = [*(self.other if own is None else [*self.body, *self.finger]), head]
-        self.register_buffer("places", torch.tensor(np.argsort(said)), persistent=False)
+        # Index of each point in the outputs of the branches. The head, which is known, is last.
+        order = [*(self.other if own is None else [*self.body, *self.finger]), head]
+        self.register_buffer("places", torch.tensor(np.argsort(order)), persistent=False)
 
     standing: Tensor
     scale: Tensor
@@ -194,8 +194,8 @@ class BodyNetwork(nn.Module):
         both = torch.cat([hidden, features], dim=-1) if self.config.skip else hidden
         frames, both = both.shape[:-1], both.flatten(0, -2)  # as matrices, layers fuse in the exported file
         own = [] if self.place_fingers is None else [self.place_fingers(both)]
-        said = torch.cat([self.place(both), *own, torch.zeros_like(both[:, :3])], dim=-1).unflatten(-1, (-1, 3))
-        change = said.index_select(-2, self.places).unflatten(0, frames) / self.scale
+        predicted = torch.cat([self.place(both), *own, torch.zeros_like(both[:, :3])], dim=-1).unflatten(-1, (-1, 3))
+        change = predicted.index_select(-2, self.places).unflatten(0, frames) / self.scale
         logit, error = torch.zeros_like(known[..., 0]), torch.full_like(known[..., 0], UNJUDGED)
         if self.judge is not None:
             judged = self.judge(both).unflatten(0, frames).split(len(self.skeleton.points), dim=-1)

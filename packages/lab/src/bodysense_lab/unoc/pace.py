@@ -1,4 +1,4 @@
-"""How fast UNOC's network trains: on windows, as in the paper, and on whole sequences with carried state."""
+"""Training speed of UNOC's network: on windows, as in the paper, and on whole sequences with carried state."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import torch
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
-from bodysense_lab.unoc.episodes import Variation, make_episode
+from bodysense_lab.unoc.body_sequences import Augmentation, make_body_sequence
 from bodysense_lab.unoc.network import PAPER, BodyNetwork
 from bodysense_lab.unoc.task import BodySchedule, BodyTask
 
 
 def throughput(clip: Clip, steps: int, threads: int) -> dict[str, float]:
-    """Windows and taught frames a second of the paper's GRU on windows and on sequences; and their ratio.
+    """Measure trained windows and frames per second of the paper's GRU, on windows and on sequences, and their ratio.
 
     Both train the same layers with the losses of the paper, in the precision and batch sizes that training uses.
     """
@@ -26,9 +26,9 @@ def throughput(clip: Clip, steps: int, threads: int) -> dict[str, float]:
     found: dict[str, float] = {}
     for form, config in (("window", PAPER), ("sequence", replace(PAPER, window=None))):
         model = BodyNetwork(config, default_skeleton())
-        episode = make_episode(clip, model, Variation(), np.random.default_rng(0))
-        episodes = [episode] * 4  # more windows than a batch holds
-        task = BodyTask(model, schedule, episodes, [])
+        sequence = make_body_sequence(clip, model, Augmentation(), np.random.default_rng(0))
+        sequences = [sequence] * 4  # more windows than a batch holds
+        task = BodyTask(model, schedule, sequences, [])
         optimizer, memory, rng = task.optimizer(), None, np.random.default_rng(0)
         frames, begun = 0, 0.0
         for step, batch in enumerate(itertools.islice(task.batches(rng), steps + 1)):

@@ -74,12 +74,12 @@ class PointNetwork(nn.Module):
         self.config = config
         self.skeleton = skeleton
         reads, places = list(config.reads), list(config.places)
-        placed = skeleton.indices(places)
+        targets = skeleton.indices(places)
         self.head = reads.index("head")
         self.wrists = [reads.index(name) for name in THREE_POINTS[1:]]
-        is_finger = skeleton.wrist_of[placed] >= 0
+        is_finger = skeleton.wrist_of[targets] >= 0
         self.measured_from: list[int] = [  # head, left or right wrist, as places in THREE_POINTS
-            THREE_POINTS.index(skeleton.points[wrist]) if wrist >= 0 else 0 for wrist in skeleton.wrist_of[placed]
+            THREE_POINTS.index(skeleton.points[wrist]) if wrist >= 0 else 0 for wrist in skeleton.wrist_of[targets]
         ]
         self.bones = bones(config, skeleton)
 

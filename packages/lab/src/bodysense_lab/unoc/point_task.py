@@ -12,20 +12,20 @@ import torch
 from torch import Tensor
 
 from bodysense_lab.fit import Task
-from bodysense_lab.unoc.episodes import last_frame
+from bodysense_lab.unoc.body_sequences import last_frame
 from bodysense_lab.unoc.losses import LossWeights, length_of, unlikelihood
-from bodysense_lab.unoc.point_episodes import PointBatch, PointEpisode, collate, lanes, windows
 from bodysense_lab.unoc.point_network import PointNetwork, PointPrediction
+from bodysense_lab.unoc.point_sequences import PointBatch, PointSequence, carried_batches, collate, windows
 
 TYPICAL = 0.02  # m: the distance at which a squared one weighs as much as a Euclidean one
 
 
 @dataclass(frozen=True)
 class PointSchedule:
-    """How long and on what."""
+    """Schedule of a training."""
 
     steps: int = 4000
-    batch: int = 128  # lanes of carried training, or windows
+    batch: int = 128  # sequences of carried training, or windows
     chunk: int = 12  # frames of truncated backpropagation
     learning_rate: float = 1e-3
     warm_up: int = 100  # steps
@@ -42,7 +42,7 @@ class PointSchedule:
 def point_loss(
     network: PointNetwork, answer: PointPrediction, batch: PointBatch, schedule: PointSchedule
 ) -> dict[str, Tensor]:
-    """The terms of UNOC, section 4.2, without occlusion, and their sum, 'loss' (see `losses`)."""
+    """Return the terms of UNOC, section 4.2, without occlusion, and their sum, 'loss' (see `losses`)."""
     weights = schedule.loss
     mask = batch.valid[..., None]
     count = mask.sum().clamp(min=1)
@@ -70,8 +70,8 @@ class PointTask(Task):
 
     network: PointNetwork
     schedule: PointSchedule
-    episodes: Sequence[PointEpisode]
-    validation: Sequence[PointEpisode]
+    sequences: Sequence[PointSequence]
+    validation: Sequence[PointSequence]
     source: Mapping[str, Any] | None = None
     clip = 5.0
 
@@ -79,8 +79,8 @@ class PointTask(Task):
         """Sequences side by side, or windows, without end."""
         schedule, window = self.schedule, self.network.config.window
         if window is None:
-            return lanes(self.episodes, schedule.batch, schedule.chunk, rng)
-        return windows(self.episodes, window, schedule.batch, rng)
+            return carried_batches(self.sequences, schedule.batch, schedule.chunk, rng)
+        return windows(self.sequences, window, schedule.batch, rng)
 
     def loss(self, batch: PointBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor | None]:
         """Loss terms of a chunk with carried memory, or of the last frame of windows."""
@@ -98,13 +98,13 @@ class PointTask(Task):
 
 
 @torch.no_grad()
-def validate_points(network: PointNetwork, episodes: Sequence[PointEpisode]) -> float:
+def validate_points(network: PointNetwork, sequences: Sequence[PointSequence]) -> float:
     """RMSJPE over all frames and placed points, cm at the reference size."""
     training = network.training
     network.eval()
     total, count = 0.0, 0
-    for episode in episodes:
-        batch = collate([(episode, 0)], len(episode), np.ones(1, dtype=bool))
+    for sequence in sequences:
+        batch = collate([(sequence, 0)], len(sequence), np.ones(1, dtype=bool))
         hidden, _ = network.recurrent(batch.features, network.start(1))
         missed = network.answer(batch.features, hidden, batch.start).offset - batch.offset
         total += float((missed**2).sum())
@@ -114,6 +114,6 @@ def validate_points(network: PointNetwork, episodes: Sequence[PointEpisode]) -> 
 
 
 def _bones(offset: Tensor, known: Tensor, children: list[int], parents: list[int]) -> Tensor:
-    """Vectors from parents to children (B, T, bones, 3), some of whose ends are known."""
+    """Return vectors (B, T, bones, 3) from parents to children. Some of the ends are known points."""
     points = torch.cat([offset, known, torch.zeros_like(known[..., :1, :])], dim=-2)
     return points[..., children, :] - points[..., parents, :]

@@ -15,7 +15,7 @@ from torch import Tensor
 from bodysense_lab.fit import Task, rate_at
 from bodysense_lab.precision import layer_autocast
 from bodysense_lab.scoring import scored_points
-from bodysense_lab.unoc.episodes import Episode, EpisodeBatch, collate, lanes, last_frame, windows
+from bodysense_lab.unoc.body_sequences import BodyBatch, BodySequence, carried_batches, collate, last_frame, windows
 from bodysense_lab.unoc.losses import LossWeights, body_loss
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
 
@@ -24,7 +24,7 @@ CARRIED_STEPS = 20_000
 
 @dataclass(frozen=True)
 class BodySchedule:
-    """How long and on what."""
+    """Schedule of a training."""
 
     steps: int | None = None  # at most; None: `CARRIED_STEPS` of carried training, all epochs of windows
     lanes: int = 256
@@ -47,8 +47,8 @@ class BodyTask(Task):
 
     network: BodyNetwork
     schedule: BodySchedule
-    episodes: Sequence[Episode]
-    validation: Sequence[Episode]
+    sequences: Sequence[BodySequence]
+    validation: Sequence[BodySequence]
     source: Mapping[str, Any] | None = None
     keeps_best = False
     mixed = True
@@ -57,7 +57,7 @@ class BodyTask(Task):
     @property
     def steps(self) -> int:
         """Optimiser steps of the whole run."""
-        return step_count(self.network.config, self.schedule, self.episodes)
+        return step_count(self.network.config, self.schedule, self.sequences)
 
     def rate(self, step: int) -> float:
         """Warm-up and cosine for carried training; constant for windows, as in the paper."""
@@ -65,11 +65,11 @@ class BodyTask(Task):
             return self.schedule.learning_rate
         return rate_at(self.schedule, step, self.steps)
 
-    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[EpisodeBatch]:
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[BodyBatch]:
         """See `make_batches`."""
-        return make_batches(self.network.config, self.schedule, self.episodes, rng, done)
+        return make_batches(self.network.config, self.schedule, self.sequences, rng, done)
 
-    def loss(self, batch: EpisodeBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor | None]:
+    def loss(self, batch: BodyBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor | None]:
         """Loss terms of a chunk with carried memory, or of the last frame of windows."""
         network = self.network
         if memory is None:
@@ -88,39 +88,43 @@ class BodyTask(Task):
         return validate(network, self.validation)
 
 
-def step_count(config: BodyNetworkConfig, schedule: BodySchedule, episodes: Sequence[Episode]) -> int:
-    """Optimiser steps of a whole run."""
+def step_count(config: BodyNetworkConfig, schedule: BodySchedule, sequences: Sequence[BodySequence]) -> int:
+    """Return the optimiser steps of a whole run."""
     most = schedule.steps
     if config.window is None:
         return CARRIED_STEPS if most is None else most
-    fewest = sum(max(1, len(episode) // schedule.window_stride) for episode in episodes)  # windows of an epoch
+    fewest = sum(max(1, len(sequence) // schedule.window_stride) for sequence in sequences)  # windows of an epoch
     whole = sum(max(1, fewest // batch) for batch in schedule.epoch_batches[: schedule.epochs])
     return whole if most is None else min(most, whole)
 
 
 def make_batches(
-    config: BodyNetworkConfig, schedule: BodySchedule, episodes: Sequence[Episode], rng: np.random.Generator, done: int
-) -> Iterator[EpisodeBatch]:
-    """The run's batches from step `done` on: sequences without end, or the epochs of windows."""
+    config: BodyNetworkConfig,
+    schedule: BodySchedule,
+    sequences: Sequence[BodySequence],
+    rng: np.random.Generator,
+    done: int,
+) -> Iterator[BodyBatch]:
+    """Yield the run's batches from step `done` on: sequences without end, or the epochs of windows."""
     if config.window is None:
-        fingers = np.array([episode.fingers for episode in episodes])
+        fingers = np.array([sequence.fingers for sequence in sequences])
         share = np.where(fingers, schedule.finger_share, 1 - schedule.finger_share)
-        length = np.array([len(episode) for episode in episodes], dtype=float)
+        length = np.array([len(sequence) for sequence in sequences], dtype=float)
         # Fingers are drawn by `finger_share` of the frames, spread evenly over all that have them.
         weight = share / np.where(fingers, length[fingers].sum(), length[~fingers].sum())
-        return lanes(episodes, weight, schedule.lanes, schedule.chunk, rng)
+        return carried_batches(sequences, weight, schedule.lanes, schedule.chunk, rng)
     epochs = (
-        windows(episodes, config.window, schedule.window_stride, batch, rng)
+        windows(sequences, config.window, schedule.window_stride, batch, rng)
         for batch in schedule.epoch_batches[: schedule.epochs]
     )
     return itertools.islice(itertools.chain.from_iterable(epochs), done, None)
 
 
 @torch.no_grad()
-def validate(model: BodyNetwork, episodes: Sequence[Episode]) -> dict[str, float]:
+def validate(model: BodyNetwork, sequences: Sequence[BodySequence]) -> dict[str, float]:
     """Occluded RMSJPE (cm at the reference height, network's frame) of the network and of last-known, body and fingers.
 
-    Where no clip has fingers, there are no figures of them.
+    Without clips with fingers, their figures are missing.
     """
     tested = scored_points(model.skeleton)
     total = {key: 0.0 for key in ("body", "body_known", "finger", "finger_known")}
@@ -128,12 +132,12 @@ def validate(model: BodyNetwork, episodes: Sequence[Episode]) -> dict[str, float
     device, training = model.scale.device, model.training
     wrist = model.skeleton.wrist_of[model.finger].tolist()
     model.eval()
-    for episode in episodes:
-        batch = collate([(episode, 0)], len(episode), np.ones(1, dtype=bool))
+    for sequence in sequences:
+        batch = collate([(sequence, 0)], len(sequence), np.ones(1, dtype=bool))
         hidden, _ = model.recurrent(batch.features.to(device), model.start(1).memory)
         offset = model.answer(batch.features.to(device), hidden, batch.known.to(device)).offset.cpu()
         for part, points in (("body", tested), ("finger", model.finger)):
-            if part == "finger" and not episode.fingers:
+            if part == "finger" and not sequence.fingers:
                 continue
             mask = ~batch.visible[..., points]
             count[part] += int(mask.sum())

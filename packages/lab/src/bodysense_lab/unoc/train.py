@@ -1,4 +1,4 @@
-"""Whole trainings of the body network, finger synthesis and the three-point upper body: data, variations, export."""
+"""Training of the body network, finger synthesis and the three-point upper body: data, augmentation, export."""
 
 from __future__ import annotations
 
@@ -17,12 +17,11 @@ from bodysense.files import check_place
 from bodysense.io.clip import Clip
 from bodysense_lab.fit import announce_run, fit, set_seed_and_threads
 from bodysense_lab.parallel import worker_pool
-from bodysense_lab.progress import read_clips, with_progress_log
-from bodysense_lab.unoc.episodes import RATE, Variation, make_episode
+from bodysense_lab.progress import read_clips, tracked
+from bodysense_lab.unoc.body_sequences import RATE, Augmentation, make_body_sequence
 from bodysense_lab.unoc.losses import LossWeights
 from bodysense_lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
 from bodysense_lab.unoc.options import BodyTraining, PointTraining
-from bodysense_lab.unoc.point_episodes import PointEpisode, make_point_episode
 from bodysense_lab.unoc.point_network import (
     FINGERS,
     PAPER_FINGERS,
@@ -31,15 +30,16 @@ from bodysense_lab.unoc.point_network import (
     PointNetwork,
     PointNetworkConfig,
 )
+from bodysense_lab.unoc.point_sequences import PointSequence, make_point_sequence
 from bodysense_lab.unoc.point_task import PointSchedule, PointTask
 from bodysense_lab.unoc.task import BodySchedule, BodyTask
 
 if TYPE_CHECKING:
     from bodysense.papers.point_model import Task
 
-E = TypeVar("E")  # an episode
+E = TypeVar("E")  # a training sequence
 N = TypeVar("N")  # a network that reads it
-V = TypeVar("V")  # a variation
+V = TypeVar("V")  # an augmentation
 # Hidden joints count more: a tracked joint's measured position replaces the prediction.
 SHIPPED_LOSS = LossWeights(occluded=3.0)
 VARIED_RATES = (20.0, 60.0)  # Hz
@@ -52,21 +52,21 @@ CONFIGS: dict[tuple[Task, Form], PointNetworkConfig] = {
 }
 # As recorded and mirrored, then both on other bodies. Of the upper body there are many clips: three passes suffice, two
 # of them with wrists that bend where none were recorded; clips with fingers, which are few, take all.
-VARIATIONS: dict[Task, tuple[Variation, ...]] = {
+AUGMENTATIONS: dict[Task, tuple[Augmentation, ...]] = {
     "fingers": (
-        Variation(),
-        Variation(mirrored=True),
-        *(Variation(mirrored=k % 2 == 1, limb_spread=0.05) for k in range(4)),
+        Augmentation(),
+        Augmentation(mirrored=True),
+        *(Augmentation(mirrored=k % 2 == 1, limb_spread=0.05) for k in range(4)),
     ),
     "upper-body": (
-        Variation(),
-        Variation(mirrored=True, limb_spread=0.05, wrist_bend=0.25),
-        Variation(limb_spread=0.05, wrist_bend=0.25),
-        *(Variation(mirrored=k % 2 == 0, limb_spread=0.05) for k in range(5)),
+        Augmentation(),
+        Augmentation(mirrored=True, limb_spread=0.05, wrist_bend=0.25),
+        Augmentation(limb_spread=0.05, wrist_bend=0.25),
+        *(Augmentation(mirrored=k % 2 == 0, limb_spread=0.05) for k in range(5)),
     ),
 }
 PASSES: dict[Task, int] = {"fingers": 6, "upper-body": 3}  # of clips without recorded hands
-PAPER_VARIATIONS = (Variation(), Variation(mirrored=True))
+PAPER_AUGMENTATIONS = (Augmentation(), Augmentation(mirrored=True))
 SCHEDULES: dict[tuple[Task, Form], PointSchedule] = {
     ("fingers", "shipped"): PointSchedule(
         batch=64, distance="squared", average_decay=0.98, check_every=50, weight_decay=0.5
@@ -99,18 +99,18 @@ def train_body(run: BodyTraining) -> None:
             loss=SHIPPED_LOSS if shipped else LossWeights(),
         )
     )
-    variations = tuple(variation_of(number, shipped) for number in range(run.passes + run.finger_passes))
+    augmentations = tuple(augmentation_of(number, shipped) for number in range(run.passes + run.finger_passes))
     learned, watched = (read_clips(run.data, split, run.limit) for split in ("train", "val"))
     config = replace(network.config, hidden=1, branch=(1,), judge_branch=(1,))
-    read = make_episode, partial(BodyNetwork, config, default_skeleton())
-    episodes = _prepared(learned, *read, variations, run.passes, run.seed)
-    validation = _prepared(watched, *read, (Variation(),), 1, run.seed)
-    task = BodyTask(network, schedule, episodes, validation, run.trial_settings or None)
+    read = make_body_sequence, partial(BodyNetwork, config, default_skeleton())
+    sequences = _prepared(learned, *read, augmentations, run.passes, run.seed)
+    validation = _prepared(watched, *read, (Augmentation(),), 1, run.seed)
+    task = BodyTask(network, schedule, sequences, validation, run.limited or None)
     _finish(
         *(run, task, fabric, "clips"),
         lambda card: write_onnx(network.cpu(), run.out, card),
         lambda scores: {f"{name}_occluded_rmsjpe_cm": round(value, 2) for name, value in scores.items()},
-        fastest_rate=VARIED_RATES[1] if shipped and len(variations) > 1 else RATE,
+        fastest_rate=VARIED_RATES[1] if shipped and len(augmentations) > 1 else RATE,
     )
 
 
@@ -124,13 +124,13 @@ def train_points(run: PointTraining) -> None:
     config = CONFIGS[run.task, run.form]
     schedule = run.with_options(replace(SCHEDULES[run.task, run.form], steps=run.steps))
     network = PointNetwork(config, default_skeleton())
-    variations = VARIATIONS[run.task] if run.form == "shipped" else PAPER_VARIATIONS
+    augmentations = AUGMENTATIONS[run.task] if run.form == "shipped" else PAPER_AUGMENTATIONS
     reader = partial(PointNetwork, replace(config, hidden=1, branch=(1,)), default_skeleton())
-    episodes = _points(run, reader, "train", variations)
-    validation = _points(run, reader, "val", (Variation(),))
-    task = PointTask(network, schedule, episodes, validation, run.trial_settings or None)
+    sequences = _points(run, reader, "train", augmentations)
+    validation = _points(run, reader, "val", (Augmentation(),))
+    task = PointTask(network, schedule, sequences, validation, run.limited or None)
     _finish(
-        *(run, task, fabric, "episodes"),
+        *(run, task, fabric, "sequences"),
         lambda card: write_point_network(network.cpu(), run.out, run.task, card),
         lambda scores: {"rmsjpe_cm": round(scores["rmsjpe_cm"], 2)},
     )
@@ -145,8 +145,8 @@ def _finish(
     validation: Callable[[dict[str, float]], dict[str, float]],
     **more: Any,
 ) -> None:
-    """Train the network of a task on its episodes, which are called `what`, and write it with its card."""
-    amount = f"{len(task.episodes)} {what}, {sum(map(len, task.episodes)) / 30 / 60:.0f} minutes"
+    """Train the network of a task on its sequences, which are called `what`, and write it with its card."""
+    amount = f"{len(task.sequences)} {what}, {sum(map(len, task.sequences)) / 30 / 60:.0f} minutes"
     fabric.print(f"{amount}, {task.network.features} features a frame")
     scores = fit(task, run.out.with_suffix(".ckpt"), fabric=fabric)
     if not fabric.is_global_zero:
@@ -157,11 +157,11 @@ def _finish(
     print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
 
 
-def variation_of(number: int, shipped: bool) -> Variation:
-    """How the n-th pass over the data differs: as recorded, then mirrored, then both again with other limbs."""
+def augmentation_of(number: int, shipped: bool) -> Augmentation:
+    """Return the augmentation of the n-th pass: as recorded, then mirrored, then both again with other limbs."""
     if not shipped:
-        return Variation(mirrored=number % 2 == 1)
-    return Variation(
+        return Augmentation(mirrored=number % 2 == 1)
+    return Augmentation(
         mirrored=number % 2 == 1,
         limb_spread=0.0 if number == 0 else 0.05,
         hand_dropouts_per_minute=0.0 if number == 0 else 6.0,
@@ -173,36 +173,36 @@ def _prepared(
     clips: Iterable[Clip],
     make: Callable[[Clip, N, V, np.random.Generator], E],
     reader: Callable[[], N],
-    variations: tuple[V, ...],
+    augmentations: tuple[V, ...],
     passes: int,
     seed: int,
     processes: int | None = None,
 ) -> list[E]:
-    """The episodes of clips, an episode a variation, prepared by several processes.
+    """Prepare the sequences of clips, one for each augmentation, in several processes.
 
-    `reader` makes the network that prepares features; its weights do not matter. Of the variations a clip without
+    `reader` makes the network that prepares features; its weights do not matter. Of the augmentations a clip without
     fingers takes the first `passes`.
     """
-    work = partial(_varied, make=make, reader=reader, variations=variations, passes=passes, seed=seed)
+    work = partial(_augmented, make=make, reader=reader, augmentations=augmentations, passes=passes, seed=seed)
     with worker_pool(processes, partial(torch.set_num_threads, 1)) as pool:
         made = [pool.submit(work, numbered) for numbered in enumerate(clips)]
-        done = with_progress_log(made, "preparing episodes of the clips", len(made))
-        return [episode for episodes in done for episode in episodes.result()]
+        done = tracked(made, "preparing sequences of the clips", len(made))
+        return [sequence for sequences in done for sequence in sequences.result()]
 
 
-def _varied(
+def _augmented(
     numbered: tuple[int, Clip],
     make: Callable[[Clip, N, V, np.random.Generator], E],
     reader: Callable[[], N],
-    variations: tuple[V, ...],
+    augmentations: tuple[V, ...],
     passes: int,
     seed: int,
 ) -> list[E]:
-    """The episodes of a clip; each has a generator of its own, so that the order of work does not matter."""
+    """The sequences of a clip; each has a generator of its own, so that the order of work does not matter."""
     (index, clip), network = numbered, reader()
     return [
-        make(clip, network, variation, np.random.default_rng([seed, number, index]))
-        for number, variation in enumerate(variations if clip.has_fingers else variations[:passes])
+        make(clip, network, augmentation, np.random.default_rng([seed, number, index]))
+        for number, augmentation in enumerate(augmentations if clip.has_fingers else augmentations[:passes])
     ]
 
 
@@ -210,11 +210,11 @@ def _points(
     run: PointTraining,
     reader: Callable[[], PointNetwork],
     split: Literal["train", "val"],
-    variations: tuple[Variation, ...],
-) -> list[PointEpisode]:
-    """The clips of a split as episodes; for fingers, clips that have them."""
+    augmentations: tuple[Augmentation, ...],
+) -> list[PointSequence]:
+    """The clips of a split as sequences; for fingers, clips that have them."""
     clips = (clip for clip in read_clips(run.data, split, run.limit) if run.task != "fingers" or clip.has_fingers)
-    episodes = _prepared(clips, make_point_episode, reader, variations, PASSES[run.task], run.seed, run.threads)
-    if not episodes:
+    sequences = _prepared(clips, make_point_sequence, reader, augmentations, PASSES[run.task], run.seed, run.threads)
+    if not sequences:
         raise BodysenseError(f"{run.data}: no clip of its {split} split has fingers; give motion with recorded fingers")
-    return episodes
+    return sequences

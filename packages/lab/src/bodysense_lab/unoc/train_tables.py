@@ -25,7 +25,7 @@ from bodysense_lab.fit import Report, announce_run, figures_line, fit, launch_fa
 from bodysense_lab.parallel import worker_pool
 from bodysense_lab.progress import read_clips, with_progress_log
 from bodysense_lab.sweep import is_trained_as_configured, sweep
-from bodysense_lab.unoc.episodes import Episode, Variation, make_episode
+from bodysense_lab.unoc.body_sequences import Augmentation, BodySequence, make_body_sequence
 from bodysense_lab.unoc.losses import LossWeights
 from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
 from bodysense_lab.unoc.options import TablesTraining
@@ -35,10 +35,12 @@ from bodysense_lab.unoc.variants import TABLES, VARIANTS
 _ARRAYS = ("features", "known", "offset", "visible")
 
 
-def cached_episodes(folder: Path, identity: dict[str, Any], make: Callable[[], Iterable[Episode]]) -> list[Episode]:
-    """The episodes in `folder`, made first where it does not exist.
+def cached_sequences(
+    folder: Path, identity: dict[str, Any], make: Callable[[], Iterable[BodySequence]]
+) -> list[BodySequence]:
+    """Read the sequences in `folder`, made first if it does not exist.
 
-    The folder appears whole or not at all. Raises BodysenseError when it holds episodes of another `identity`, which
+    The folder appears whole or not at all. Raises BodysenseError when it holds sequences of another `identity`, which
     must be JSON, and if there are no networks to train.
     """
     if not folder.is_dir():
@@ -50,29 +52,29 @@ def cached_episodes(folder: Path, identity: dict[str, Any], make: Callable[[], I
             f"{folder} was made from something else ({', '.join(changed)} differ); take it away or choose another --out"
         )
     arrays = {name: np.load(folder / f"{name}.npy", mmap_mode="r") for name in _ARRAYS}
-    episodes, start = [], 0
+    sequences, start = [], 0
     for row in index["clips"]:
         part = {name: values[start : start + row["frames"]] for name, values in arrays.items()}
-        episodes.append(Episode(fingers=row["fingers"], **part))
+        sequences.append(BodySequence(fingers=row["fingers"], **part))
         start += row["frames"]
-    return episodes
+    return sequences
 
 
-def _write(folder: Path, identity: dict[str, Any], episodes: Iterable[Episode]) -> None:
+def _write(folder: Path, identity: dict[str, Any], sequences: Iterable[BodySequence]) -> None:
     beside = folder.with_name(f".{folder.name}.{os.getpid()}.part")
     beside.mkdir(parents=True)
     clips, shapes, types = [], {}, {}
     try:
         with ExitStack() as stack:
             files = {name: stack.enter_context((beside / f"{name}.raw").open("wb")) for name in _ARRAYS}
-            for episode in episodes:
-                clips.append({"fingers": episode.fingers, "frames": len(episode)})
+            for sequence in sequences:
+                clips.append({"fingers": sequence.fingers, "frames": len(sequence)})
                 for name in _ARRAYS:
-                    values = np.ascontiguousarray(getattr(episode, name))
+                    values = np.ascontiguousarray(getattr(sequence, name))
                     shapes[name], types[name] = values.shape[1:], values.dtype
                     files[name].write(values.tobytes())
         if not clips:
-            raise BodysenseError(f"{folder}: there is no clip to make episodes of")
+            raise BodysenseError(f"{folder}: there is no clip to make sequences of")
         frames = sum(row["frames"] for row in clips)
         for name in _ARRAYS:
             raw = np.memmap(beside / f"{name}.raw", types[name], "r", shape=(frames, *shapes[name]))
@@ -94,13 +96,13 @@ _VALIDATED = 3000  # frames that are enough to see how a run goes; the tables co
 
 
 def train_tables(run: TablesTraining) -> None:
-    """Train what is not trained yet. Raises BodysenseError where a run in the folder had another configuration."""
+    """Train the missing networks. Raises BodysenseError if a run in the folder had another configuration."""
     names = chosen_networks(run)
     make_folder(run.out)
     fabric = announce_run(run, BodyTask)
     steps = {}
     for name in names:
-        learned = episodes_of(run, VARIANTS[name].config)["train"]
+        learned = sequences_of(run, VARIANTS[name].config)["train"]
         steps[name] = step_count(VARIANTS[name].config, schedule_of(run, name), learned)
     trained = fabric.broadcast([name for name in names if is_trained(run, name)])
     train = partial(train_network, run, fabric=None if run.jobs > 1 else fabric)
@@ -110,7 +112,7 @@ def train_tables(run: TablesTraining) -> None:
 
 
 def chosen_networks(run: TablesTraining) -> list[str]:
-    """The networks that were asked for, each once. Raises BodysenseError for names that do not exist."""
+    """Return the chosen networks, each once. Raises BodysenseError for names that do not exist."""
     for given, known, what in ((run.tables, TABLES, "table"), (run.networks, VARIANTS, "network")):
         unknown = [name for name in given if name not in known]
         if unknown:
@@ -143,8 +145,8 @@ def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric
     fabric = fabric or launch_fabric(run.devices, run.nodes)
     set_seed_and_threads(run.seed, run.threads)
     config, schedule, begun = VARIANTS[name].config, schedule_of(run, name), time.monotonic()
-    network, episodes = BodyNetwork(config, default_skeleton()), episodes_of(run, config)
-    task = BodyTask(network, schedule, episodes["train"], _few(episodes["val"]), run.trial_settings or None)
+    network, sequences = BodyNetwork(config, default_skeleton()), sequences_of(run, config)
+    task = BodyTask(network, schedule, sequences["train"], _few(sequences["val"]), run.limited or None)
     scores = fit(task, run.out / f"{name}.ckpt", report, fabric, report)
     if fabric.is_global_zero:
         write_weights_file(network.cpu(), run.out / f"{name}.pt", {})
@@ -169,21 +171,21 @@ def is_trained(run: TablesTraining, name: str) -> bool:
     )
 
 
-def episodes_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, list[Episode]]:
-    """Training and validation people as a network of this configuration reads them, kept in the run's folder."""
+def sequences_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, list[BodySequence]]:
+    """Training and validation people as a network of this configuration reads them, cached in the folder of the run."""
     reads = {"inputs": config.inputs, "frame": config.frame, "finger_origin": config.finger_origin}
     folder = run.out / "episodes" / "-".join(reads.values())
     found = {}
     for split in ("train", "val"):
-        asked: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split, **run.trial_settings}
-        found[split] = cached_episodes(folder / split, asked, partial(_make, run, config, split))
+        expected: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split, **run.limited}
+        found[split] = cached_sequences(folder / split, expected, partial(_make, run, config, split))
     return found
 
 
-def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterator[Episode]:
+def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterator[BodySequence]:
     # Features of a clip do not depend on the weights or the size of a network.
     reader = replace(config, cell="gru", hidden=1, branch=(1,), judge_branch=(1,))
-    make = partial(_episode, config=reader)
+    make = partial(_body_sequence, config=reader)
     clips, what = list(read_clips(run.data, split, run.limit)), f"seeing the {split} split"
     if run.jobs == 1:
         yield from with_progress_log(map(make, clips), what, len(clips))
@@ -192,20 +194,20 @@ def _make(run: TablesTraining, config: BodyNetworkConfig, split: Any) -> Iterato
         yield from with_progress_log(pool.map(make, clips, chunksize=4), what, len(clips))
 
 
-def _episode(clip: Any, config: BodyNetworkConfig) -> Episode:
-    return make_episode(clip, BodyNetwork(config, default_skeleton()), Variation(), np.random.default_rng(0))
+def _body_sequence(clip: Any, config: BodyNetworkConfig) -> BodySequence:
+    return make_body_sequence(clip, BodyNetwork(config, default_skeleton()), Augmentation(), np.random.default_rng(0))
 
 
-def _few(episodes: Sequence[Episode]) -> list[Episode]:
-    """Some of them, fingers among them, spread evenly over all; long ones are cut."""
-    fingers = [episode for episode in episodes if episode.fingers]
-    others = [episode for episode in episodes if not episode.fingers]
-    chosen: list[Episode] = []
+def _few(sequences: Sequence[BodySequence]) -> list[BodySequence]:
+    """Choose some sequences evenly, some of them with fingers, and cut long ones."""
+    fingers = [sequence for sequence in sequences if sequence.fingers]
+    others = [sequence for sequence in sequences if not sequence.fingers]
+    chosen: list[BodySequence] = []
     for part in (fingers, others):
         frames = 0
-        for episode in part[:: max(1, len(part) // 8)]:
-            length = min(len(episode), 600, _VALIDATED // 2 - frames)
+        for sequence in part[:: max(1, len(part) // 8)]:
+            length = min(len(sequence), 600, _VALIDATED // 2 - frames)
             if length > 0:
-                chosen.append(replace(episode, **{name: getattr(episode, name)[:length] for name in _ARRAYS}))
+                chosen.append(replace(sequence, **{name: getattr(sequence, name)[:length] for name in _ARRAYS}))
                 frames += length
     return chosen

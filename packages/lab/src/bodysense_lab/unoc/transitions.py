@@ -109,13 +109,15 @@ def transitions_of(position: Mapping[str, np.ndarray], truth: np.ndarray, visibl
 def transitions_report(found: Mapping[tuple, Tally], census: Census, data: DataSet) -> Report:
     """Return the table of the methods at both events."""
     # Errors are in the rows of events with moments.
-    moved = {key[:2] for key, tally in found.items() if key[3] == "peak" and tally.count}
+    observed_events = {key[:2] for key, tally in found.items() if key[3] == "peak" and tally.count}
     found = {
-        key: one for key, one in found.items() if key[1] == _FRAMES or key[3] in ("peak", "area") or key[:2] in moved
+        key: one
+        for key, one in found.items()
+        if key[1] == _FRAMES or key[3] in ("peak", "area") or key[:2] in observed_events
     }
     remarks = []
     for event, title in EVENTS.items():
-        if ("main", event) not in moved:
+        if ("main", event) not in observed_events:
             continue
         times = [
             _times(found["main", event, method, measure].mpjpe, found["main", event, "truth", measure].mpjpe)

@@ -229,9 +229,12 @@ class UpperBodyIk:
 
         by_place = np.array([_SWIVEL_BY_OUTWARD, _SWIVEL_BY_UP, _SWIVEL_BY_FORWARD])
         swivel = _SWIVEL_REST + (to_hand / length @ by_place)[..., None]
-        asked = np.swapaxes(_two_bones(to_hand, swivel, *lengths)[..., 1, :, :], -1, -2)
-        asked = asked @ quaternion_to_matrix(hand_rotation)  # hinge frame of the forearm ← hand
-        twist, flexion = (asked[..., 2, 1] - asked[..., 1, 2]) / 2, asked[..., 1, 0]  # sines
+        forearm_to_hand = np.swapaxes(_two_bones(to_hand, swivel, *lengths)[..., 1, :, :], -1, -2)
+        forearm_to_hand = forearm_to_hand @ quaternion_to_matrix(hand_rotation)  # hinge frame of the forearm ← hand
+        twist, flexion = (
+            (forearm_to_hand[..., 2, 1] - forearm_to_hand[..., 1, 2]) / 2,
+            forearm_to_hand[..., 1, 0],
+        )  # sines
         swivel += (_SWIVEL_BY_TWIST * twist - _SWIVEL_BY_FLEXION * flexion)[..., None]
         bones = matrix_to_quaternion(_two_bones(to_hand, swivel, *lengths))
         bones = quaternion_multiply(bones, shortest_arc(np.stack([upper, fore], axis=1), np.array([1.0, 0.0, 0.0])))

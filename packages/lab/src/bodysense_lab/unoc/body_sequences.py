@@ -1,4 +1,4 @@
-"""Episodes: motion seen through a simulated device and turned into what a network reads and should say."""
+"""Training sequences of the body network: its inputs from a simulated headset, and the true offsets."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from bodysense_lab.unoc.lost_hands import hide_hands
 from bodysense_lab.unoc.network import BodyNetwork, tracked_of
 
 
-class EpisodeBatch(NamedTuple):
-    """A chunk of B episodes; `begins` marks those that start with this chunk."""
+class BodyBatch(NamedTuple):
+    """A chunk of B sequences; `begins` marks those that start with this chunk."""
 
     features: Tensor  # (B, T, F)
     known: Tensor  # (B, T, P, 3)
@@ -37,19 +37,19 @@ RATE = 30.0  # Hz, of the paper
 
 
 @dataclass(frozen=True)
-class Variation:
-    """How a pass over the data differs from the recording."""
+class Augmentation:
+    """Augmentation of the clips in a pass over the data."""
 
     mirrored: bool = False
     limb_spread: float = 0.0  # standard deviation of the factors of limb lengths
-    wrist_bend: float = 0.0  # rad, standard deviation of the bending given to wrists of which none was recorded
+    wrist_bend: float = 0.0  # rad, standard deviation of the bending of wrists without a recorded one
     hand_dropouts_per_minute: float = 0.0
     rates: tuple[float, float] = (RATE, RATE)  # Hz: the frame rate is drawn between them
 
 
 @dataclass(frozen=True)
-class Episode:
-    """One clip, ready to learn from."""
+class BodySequence:
+    """One clip as inputs and targets of the network."""
 
     features: np.ndarray  # (T, F) what the network reads
     known: np.ndarray  # (T, P, 3) last known offsets
@@ -61,17 +61,17 @@ class Episode:
         return len(self.features)
 
 
-def varied(clip: Clip, variation: Variation, rng: np.random.Generator) -> Clip:
-    """Return a canonical clip at the rate of a pass and with its changes, but for lost hands."""
-    low, high = variation.rates
+def augmented(clip: Clip, augmentation: Augmentation, rng: np.random.Generator) -> Clip:
+    """Resample and augment a canonical clip, except for lost hands."""
+    low, high = augmentation.rates
     clip = resample(clip, low if low == high else float(np.exp(rng.uniform(np.log(low), np.log(high)))))
-    if variation.wrist_bend:
-        clip = with_bent_wrists(clip, variation.wrist_bend, rng)
-    if variation.mirrored:
+    if augmentation.wrist_bend:
+        clip = with_bent_wrists(clip, augmentation.wrist_bend, rng)
+    if augmentation.mirrored:
         clip = mirrored(clip)
-    if variation.limb_spread:
+    if augmentation.limb_spread:
         # The network scales bodies to one stature itself: vary the proportions only.
-        clip = with_limb_proportions(clip, variation.limb_spread, rng)
+        clip = with_limb_proportions(clip, augmentation.limb_spread, rng)
     return clip
 
 
@@ -79,10 +79,10 @@ STIFF = np.radians(2.0)  # wrists that never bend further than this were not rec
 
 
 def with_bent_wrists(clip: Clip, spread: float, rng: np.random.Generator) -> Clip:
-    """The clip with slow random bending of every wrist of which no bending was recorded; others are left alone.
+    """Bend wrists without recorded bending slowly and at random; return the clip.
 
-    `spread` is the standard deviation of either axis, radians. A wrist that only ever follows the forearm would tell a
-    network where the elbow is, which no hand does.
+    `spread` is the standard deviation about either axis, radians. From wrists that never bend, a network would learn to
+    infer the elbow, which fails on real hands.
     """
     pose, rotation = clip.pose, clip.pose.rotation.copy()
     for side in ("left", "right"):
@@ -99,18 +99,20 @@ def with_bent_wrists(clip: Clip, spread: float, rng: np.random.Generator) -> Cli
     return replace(clip, pose=Pose(pose.skeleton, pose.root_position, rotation))
 
 
-def make_episode(clip: Clip, model: BodyNetwork, variation: Variation, rng: np.random.Generator) -> Episode:
-    """See a canonical clip through the headset's cameras and prepare it for `model`."""
-    clip = varied(clip, variation, rng)
+def make_body_sequence(
+    clip: Clip, model: BodyNetwork, augmentation: Augmentation, rng: np.random.Generator
+) -> BodySequence:
+    """Observe a canonical clip by the headset's cameras and prepare it for `model`."""
+    clip = augmented(clip, augmentation, rng)
     observation = observe(clip.pose, clip.time, HEADSET_CAMERA)
-    if variation.hand_dropouts_per_minute:
-        observation = hide_hands(observation, variation.hand_dropouts_per_minute, rng)
+    if augmentation.hand_dropouts_per_minute:
+        observation = hide_hands(observation, augmentation.hand_dropouts_per_minute, rng)
     tracked = tracked_of(observation, clip.pose.skeleton)
     truth = torch.from_numpy(np.asarray(forward_kinematics(clip.pose)[0], dtype=np.float32))[None]
     with torch.no_grad():
         features, known, into, _ = model.prepare(tracked, model.start(1))
         offset = model.offsets(truth, into, tracked.height)
-    return Episode(
+    return BodySequence(
         features=features[0].numpy(),
         known=known[0].numpy(),
         offset=offset[0].numpy(),
@@ -119,46 +121,44 @@ def make_episode(clip: Clip, model: BodyNetwork, variation: Variation, rng: np.r
     )
 
 
-def lanes(
-    episodes: Sequence[Episode], weight: np.ndarray, lane_count: int, chunk: int, rng: np.random.Generator
-) -> Iterator[EpisodeBatch]:
-    """Endless chunks for truncated backpropagation: each of B lanes plays whole clips, drawn by `weight`.
+def carried_batches(
+    sequences: Sequence[BodySequence], weight: np.ndarray, batch: int, chunk: int, rng: np.random.Generator
+) -> Iterator[BodyBatch]:
+    """Endless chunks for truncated backpropagation: B sequences side by side, whole clips drawn by `weight`.
 
-    The state of a lane carries over from batch to batch, except where `begins`. A clip's last chunk is padded.
+    A row keeps its state from batch to batch, except where `begins`. A clip's last chunk is padded.
     """
     share = weight / weight.sum()
-    for pieces, begins in stream_sequences(
-        lambda: episodes[int(rng.choice(len(episodes), p=share))], lane_count, chunk
-    ):
+    for pieces, begins in stream_sequences(lambda: sequences[int(rng.choice(len(sequences), p=share))], batch, chunk):
         yield collate(pieces, chunk, begins)
 
 
-def collate(pieces: Sequence[tuple[Episode, int]], chunk: int, begins: np.ndarray) -> EpisodeBatch:
-    """Cut `chunk` frames from each episode at its start frame (see `cut_frames`)."""
-    return EpisodeBatch(
+def collate(pieces: Sequence[tuple[BodySequence, int]], chunk: int, begins: np.ndarray) -> BodyBatch:
+    """Cut `chunk` frames from each sequence at its start frame (see `cut_frames`)."""
+    return BodyBatch(
         **cut_frames(pieces, chunk, ("features", "known", "offset", "visible")),
-        fingers=torch.tensor([episode.fingers for episode, _ in pieces]),
+        fingers=torch.tensor([sequence.fingers for sequence, _ in pieces]),
         begins=torch.from_numpy(begins),
     )
 
 
 def windows(
-    episodes: Sequence[Episode], window: int, stride: int, batch: int, rng: np.random.Generator
-) -> Iterator[EpisodeBatch]:
+    sequences: Sequence[BodySequence], window: int, stride: int, batch: int, rng: np.random.Generator
+) -> Iterator[BodyBatch]:
     """One epoch of windows that end at every `stride`-th frame of every clip, shuffled (reproduce.md 1.5)."""
-    first = [int(rng.integers(min(stride, len(episode)))) for episode in episodes]
-    ends = [(k, end) for k, episode in enumerate(episodes) for end in range(first[k], len(episode), stride)]
+    first = [int(rng.integers(min(stride, len(sequence)))) for sequence in sequences]
+    ends = [(k, end) for k, sequence in enumerate(sequences) for end in range(first[k], len(sequence), stride)]
     order = rng.permutation(len(ends))
     for begin in range(0, len(order), batch):
         chosen = [ends[i] for i in order[begin : begin + batch]]
-        pieces = [(episodes[k], end - window + 1) for k, end in chosen]
+        pieces = [(sequences[k], end - window + 1) for k, end in chosen]
         yield collate(pieces, window, np.ones(len(pieces), dtype=bool))
 
 
 Batch = TypeVar("Batch", bound=NamedTuple)
-_OF_EPISODES = ("start", "fingers", "begins")  # fields of a batch without an axis of time
+_WITHOUT_TIME = ("start", "fingers", "begins")  # fields of a batch without an axis of time
 
 
 def last_frame(batch: Batch) -> Batch:
-    """Return the last frame of windows, which is the one that they answer."""
-    return batch._replace(**{k: value[:, -1:] for k, value in batch._asdict().items() if k not in _OF_EPISODES})
+    """Return the last frame of windows, the only one that is predicted."""
+    return batch._replace(**{k: value[:, -1:] for k, value in batch._asdict().items() if k not in _WITHOUT_TIME})

@@ -1,4 +1,4 @@
-"""Episodes for networks that place points: motion turned into what they read and should say, and batches of it."""
+"""Training sequences of networks that predict points: their inputs and targets, and batches of them."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.resting import resting_offset
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.io.clip import Clip
-from bodysense_lab.fit import cut_frames, stream_sequences
-from bodysense_lab.unoc.episodes import Variation, varied
+from bodysense_lab.fit import cut_frames, played
+from bodysense_lab.unoc.body_sequences import Augmentation, augmented
 from bodysense_lab.unoc.point_network import PointNetwork, TrackedPoints
 
 
 @dataclass(frozen=True, eq=False)
-class PointEpisode:
-    """One clip, ready to learn from: float32."""
+class PointSequence:
+    """One clip as inputs and targets of the network: float32."""
 
     features: np.ndarray  # (T, F) what the network reads
     start: np.ndarray  # (O, 3) resting offsets
@@ -33,7 +33,7 @@ class PointEpisode:
 
 
 class PointBatch(NamedTuple):
-    """Frames of B episodes; `begins` marks those that start with this batch."""
+    """Frames of B sequences; `begins` marks those that start with this batch."""
 
     features: Tensor  # (B, T, F)
     start: Tensor  # (B, O, 3)
@@ -43,14 +43,14 @@ class PointBatch(NamedTuple):
     begins: Tensor  # (B,) bool
 
 
-def make_point_episode(
-    clip: Clip, network: PointNetwork, variation: Variation, rng: np.random.Generator
-) -> PointEpisode:
-    """Prepare a canonical clip, varied, for `network`."""
-    tracked, placed = tracked_of(varied(clip, variation, rng).pose, network)
+def make_point_sequence(
+    clip: Clip, network: PointNetwork, augmentation: Augmentation, rng: np.random.Generator
+) -> PointSequence:
+    """Augment a canonical clip and prepare it for `network`."""
+    tracked, truth = tracked_of(augmented(clip, augmentation, rng).pose, network)
     with torch.no_grad():
-        prepared, offset = network.prepare(tracked), network.offsets(placed, tracked)
-    return PointEpisode(
+        prepared, offset = network.prepare(tracked), network.offsets(truth, tracked)
+    return PointSequence(
         features=prepared.features[0].numpy(),
         start=prepared.start[0].numpy(),
         known=prepared.known[0].numpy(),
@@ -73,32 +73,32 @@ def tracked_of(pose: Pose, network: PointNetwork) -> tuple[TrackedPoints, Tensor
     return tracked, torch.from_numpy(position[..., places, :])
 
 
-def collate(pieces: Sequence[tuple[PointEpisode, int]], length: int, begins: np.ndarray) -> PointBatch:
-    """Cut `length` frames from each episode at its start frame (see `cut_frames`)."""
+def collate(pieces: Sequence[tuple[PointSequence, int]], length: int, begins: np.ndarray) -> PointBatch:
+    """Cut `length` frames from each sequence at its start frame (see `cut_frames`)."""
     return PointBatch(
         **cut_frames(pieces, length, ("features", "known", "offset")),
-        start=torch.from_numpy(np.stack([episode.start for episode, _ in pieces])),
+        start=torch.from_numpy(np.stack([sequence.start for sequence, _ in pieces])),
         begins=torch.from_numpy(begins),
     )
 
 
-def lanes(
-    episodes: Sequence[PointEpisode], lane_count: int, chunk: int, rng: np.random.Generator
+def carried_batches(
+    sequences: Sequence[PointSequence], batch: int, chunk: int, rng: np.random.Generator
 ) -> Iterator[PointBatch]:
-    """Endless chunks of whole clips, `lane_count` side by side, whose state carries over except where `begins`."""
+    """Endless chunks of whole clips, `batch` side by side, whose state carries over except where `begins`."""
     # A drawn clip plays whole, so that it counts by its length already.
-    for pieces, begins in stream_sequences(lambda: episodes[int(rng.integers(len(episodes)))], lane_count, chunk):
+    for pieces, begins in played(lambda: sequences[int(rng.integers(len(sequences)))], batch, chunk):
         yield collate(pieces, chunk, begins)
 
 
 def windows(
-    episodes: Sequence[PointEpisode], window: int, batch: int, rng: np.random.Generator
+    sequences: Sequence[PointSequence], window: int, batch: int, rng: np.random.Generator
 ) -> Iterator[PointBatch]:
     """Endless batches of windows that end at a frame drawn from all frames of all clips."""
-    length = np.array([len(episode) for episode in episodes])
+    length = np.array([len(sequence) for sequence in sequences])
     first = np.cumsum(length) - length
     while True:
         drawn = rng.integers(length.sum(), size=batch)
         which = np.searchsorted(first, drawn, side="right") - 1
-        pieces = [(episodes[k], int(frame - first[k]) - window + 1) for k, frame in zip(which, drawn, strict=True)]
+        pieces = [(sequences[k], int(frame - first[k]) - window + 1) for k, frame in zip(which, drawn, strict=True)]
         yield collate(pieces, window, np.ones(batch, dtype=bool))
