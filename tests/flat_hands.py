@@ -28,8 +28,8 @@ def flat_filler(hand: Skeleton, fading: float | None = FADING) -> Filler:
 
 def run(filler: Filler, frames: np.ndarray) -> np.ndarray:
     state: Any = filler.start(frames.shape[1])
-    shown = []
+    filled = []
     for frame in frames:
         one, state = filler.fill(frame, INTERVAL, state)
-        shown.append(one)
-    return np.stack(shown)
+        filled.append(one)
+    return np.stack(filled)
