@@ -26,10 +26,10 @@ def flat_gap_filler(hand: Skeleton, fading: float | None = FADING) -> GapFiller:
     return GapFillerStack((NetworkGapFiller(Flat(), (hand,), fading=fading), RigidGapFiller(FLAT)))
 
 
-def run(gap_filler: GapFiller, frames: np.ndarray) -> np.ndarray:
-    state: Any = gap_filler.start(frames.shape[1])
+def run(filler: Filler, frames: np.ndarray) -> np.ndarray:
+    state: Any = filler.start(frames.shape[1])
     filled = []
     for frame in frames:
-        one, state = gap_filler.fill(frame, INTERVAL, state)
+        one, state = filler.fill(frame, INTERVAL, state)
         filled.append(one)
     return np.stack(filled)

@@ -94,12 +94,12 @@ def test_a_shin_does_not_jump_when_its_rotation_is_found_again() -> None:
     has = np.arange(len(clip)) // 15 % 2 == 0
     pose = tracker.step(with_shins(clip, has), tracker.start())[0].pose
     knee = clip.pose.skeleton.index("left_knee")
-    shown, truth = (np.asarray(forward_kinematics(one)[1])[:, knee] for one in (pose, clip.pose))
-    step, true_step = (np.degrees(geodesic_angle(one[1:], one[:-1])) for one in (shown, truth))
+    output, truth = (np.asarray(forward_kinematics(one)[1])[:, knee] for one in (pose, clip.pose))
+    step, true_step = (np.degrees(geodesic_angle(one[1:], one[:-1])) for one in (output, truth))
     found = has[1:] & ~has[:-1]
     assert (step - true_step)[found].max() < 5
     met = np.flatnonzero(found)[:, None] + np.arange(9, 14)  # a quarter of a second later, and on
-    np.testing.assert_allclose(geodesic_angle(shown[met], truth[met]), 0, atol=1e-3)
+    np.testing.assert_allclose(geodesic_angle(output[met], truth[met]), 0, atol=1e-3)
 
 
 def test_the_rest_of_a_body_keeps_moving_when_a_hand_is_found_again() -> None:

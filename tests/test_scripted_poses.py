@@ -241,10 +241,10 @@ def test_a_wearer_who_waves_stands_with_straight_knees():
     clip = performance_of_unseen_body()
     skeleton, waves = clip.pose.skeleton, slice(round(7 * clip.frame_rate), round(8 * clip.frame_rate))
     seen = observe(clip.pose, np.arange(len(clip)) / clip.frame_rate, THREE_POINT)
-    shown = track(Recording(seen, skeleton), person=Person(skeleton)).clip.pose
+    tracked_pose = track(Recording(seen, skeleton), person=Person(skeleton)).clip.pose
     knees = skeleton.indices(["left_knee", "right_knee"])
     bent, truly = (
-        np.degrees(2 * np.arccos(np.abs(pose.rotation[waves, knees, 0]))).mean() for pose in (shown, clip.pose)
+        np.degrees(2 * np.arccos(np.abs(pose.rotation[waves, knees, 0]))).mean() for pose in (tracked_pose, clip.pose)
     )
     assert bent < truly + 5
 
