@@ -106,7 +106,9 @@ class _CalibrationProblem:
 
     marker_set: GloveSet
     seen: np.ndarray  # (K, M, 3) m, NaN where missing
-    predicted: np.ndarray | None = None  # (K, 26) rad, angles predicted by a network; NaN if there are none
+    predicted: np.ndarray | None = (
+        None  # (K, 26) rad, angles predicted by a network; NaN in frames without a prediction
+    )
 
     @cached_property
     def known(self) -> np.ndarray:

@@ -160,7 +160,7 @@ def has_standard_gloves(observation: Observation) -> bool:
 
 
 def gloved_sides(points: Iterable[str]) -> tuple[Side, ...]:
-    """Return the sides of the gloves among the points. Raises BodysenseError if there are none."""
+    """Return the sides of the gloves among the points. Raises BodysenseError without gloves."""
     found = glove_hands(points)
     sides: tuple[Side, ...] = tuple(side for side in SIDES if side in found)
     if not sides:

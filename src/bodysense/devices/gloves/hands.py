@@ -82,7 +82,7 @@ def load_glove_models(markers: str | Path | None = None, joints: str | Path | No
 class HandsSettings:
     """Settings of the hand solver."""
 
-    rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # None accepts every marker
+    rejection: RejectionSettings | None = field(default_factory=RejectionSettings)  # if None, every marker is accepted
     speed: float = 0.24  # m/s of a hand toward markers that are found again (`blending`); the paper: 0.25 (4.7)
     unseen_speed: float = 0.12  # m/s, the same for points with hidden markers
     fading: float | None = (
@@ -91,7 +91,7 @@ class HandsSettings:
     hold: float = 0.5  # s for which a hand without seen markers stays in place
     relaxing: float = 1.0  # s in which it then relaxes
     restraint: float = 4.0  # reduction of large turns of fingers to their markers (`fingers.shortest_arcs`); 0: none
-    contact: ContactSettings | None = field(default_factory=ContactSettings)  # None turns contact off
+    contact: ContactSettings | None = field(default_factory=ContactSettings)  # if None, contact is off
     inertial: InertialSettings = InertialSettings()
     longest_gap: float = 1.0  # s without frames after which everything is reset
 
@@ -112,7 +112,7 @@ class HandsState(NamedTuple):
     gap_filler: Any
     contact: ContactState
     hidden: np.ndarray  # (H, 9) s for which each marker has been hidden
-    blend: BlendState | None  # None before the first frame
+    blend: BlendState | None  # before the first frame: None
     inertial: InertialState
 
 

@@ -63,7 +63,7 @@ class HandTrack(NamedTuple):
     hidden: np.ndarray  # (9,) s for which each marker has been hidden
     weak: float  # s with too few or badly fitting markers
     age: float = 0.0  # s for which the hand has been followed
-    usual: float = 0.0  # size after long following; 0 if there was none
+    usual: float = 0.0  # size after long following; 0 before that
 
 
 class LabelState(NamedTuple):

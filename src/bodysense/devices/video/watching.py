@@ -39,7 +39,7 @@ class SightingCounts:
         self.people = max([self.people, *(one.number for seen in watched.people for one in seen)])
 
     def check(self, name: str, number: int | None) -> None:
-        """Raise BodysenseError if the person was not seen in video `name`: nobody, or nobody with this `number`."""
+        """Raise BodysenseError if no person was seen in video `name`, or no person with this `number`."""
         if self.bodies:
             return
         if number is not None and self.people:
