@@ -147,7 +147,7 @@ def _described_sets(directory: Path) -> Collection[str]:
 
 
 def _described_sources(directory: Path) -> list[Source]:
-    """Return the files of a folder of splits.json ({set: {split: people or clips}}) and its two companions."""
+    """Return the files of a described folder; its splits.json is {set: {split: people or clips}}."""
     try:
         splits = json.loads((directory / "splits.json").read_text(encoding="utf-8"))
         with (directory / "categories.csv").open(newline="", encoding="utf-8") as file:
