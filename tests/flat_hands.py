@@ -18,18 +18,10 @@ FLAT = template(default_glove(), hand_skeleton(default_skeleton(), "left"))
 class Flat:
     """A network that predicts a flat hand for all markers: it has large errors, and jumps with the registration."""
 
-    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
-        return np.tile(FLAT.reshape(-1), (len(markers), 1)).astype(np.float32)
-
-
-def flat_gap_filler(hand: Skeleton, fading: float | None = FADING) -> GapFiller:
-    return GapFillerStack((NetworkGapFiller(Flat(), (hand,), fading=fading), RigidGapFiller(FLAT)))
-
-
-def run(filler: Filler, frames: np.ndarray) -> np.ndarray:
-    state: Any = filler.start(frames.shape[1])
+    def run(gap_filler: GapFiller, frames: np.ndarray) -> np.ndarray:
+    state: Any = gap_filler.start(frames.shape[1])
     filled = []
     for frame in frames:
-        one, state = filler.fill(frame, INTERVAL, state)
+        one, state = gap_filler.fill(frame, INTERVAL, state)
         filled.append(one)
     return np.stack(filled)
