@@ -55,7 +55,7 @@ def test_play_pause_and_seek_in_any_order(heard: dict[str, Any], waving_clip: Cl
 
 
 def test_other_windows_and_origins_are_not_heard(heard: dict[str, Any]) -> None:
-    assert heard["byAnother"] == 0 and heard["stranger"] == []
+    assert heard["byAnother"] == 0 and heard["uninvited"] == []
 
 
 def test_the_newest_motion_counts_and_faults_are_one_line(heard: dict[str, Any]) -> None:

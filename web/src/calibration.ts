@@ -15,10 +15,10 @@ export function calibrated(frames: readonly Observation[]): Measurement {
   );
   if (heads.length < FEWEST) throw new Error("Your head was not tracked: put the headset on and measure again.");
   const middle = [0, 1, 2].map((k) => median(heads.map((head) => head[k]))) as unknown as Vector;
-  const moved = Math.max(...heads.map((head) => distance(head, middle)));
-  if (moved > STILL)
+  const shift = Math.max(...heads.map((head) => distance(head, middle)));
+  if (shift > STILL)
     throw new Error(
-      `Your head moved by ${(100 * moved).toFixed(0)} cm: stand still for two seconds and measure again.`,
+      `Your head moved by ${(100 * shift).toFixed(0)} cm: stand still for two seconds and measure again.`,
     );
   const spans = frames.flatMap(({ points }) => {
     const [left, right] = ["left_wrist", "right_wrist"].map(

@@ -57,7 +57,7 @@ export class Embedder {
     });
   }
 
-  tell(event: EmbedEvent): void {
+  send(event: EmbedEvent): void {
     parent.postMessage(event, this.origin);
   }
 }

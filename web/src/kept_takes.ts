@@ -39,11 +39,11 @@ export class KeptTakes {
     return [...new Set(keys.map(([id]) => id))].flatMap((id, number) => {
       const own = keys.flatMap((key, row) => (key[0] === id ? [[key, values[row]] as const] : []));
       const chunks = own.flatMap(([key, value]) => (key.length === 2 ? [value as Chunk] : []));
-      const said = own.find(([key]) => key.length === 1)?.[1] as Description | undefined; // missing: the page died
+      const described = own.find(([key]) => key.length === 1)?.[1] as Description | undefined; // missing: the page died
       const isWhole = chunks.every(({ time, rotation }) => rotation.length === 4 * joints * time.length);
       const frames = isWhole ? chunks.flatMap((chunk) => framesOf(chunk, joints)) : [];
       return frames.length > 1
-        ? [{ id, name: said?.name ?? `Take ${number + 1}`, part: said?.part ?? null, frames }]
+        ? [{ id, name: described?.name ?? `Take ${number + 1}`, part: described?.part ?? null, frames }]
         : [];
     });
   }

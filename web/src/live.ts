@@ -47,17 +47,17 @@ export class Live {
     this.hidden = new Set();
     this.history.clear();
     this.isPreview = false;
-    this.engine.tell({ type: "start", person, holdFeet: this.holdFeet });
+    this.engine.send({ type: "start", person, holdFeet: this.holdFeet });
   }
 
-  /** The wearer told their height, or was measured; the timeline goes on. */
-  tell(person: Person): void {
-    this.engine.tell({ type: "person", person });
+  /** Replace what is known of the wearer, and keep the timeline. */
+  setPerson(person: Person): void {
+    this.engine.send({ type: "person", person });
   }
 
   hold(holdFeet: boolean): void {
     this.holdFeet = holdFeet;
-    this.engine.tell({ type: "holdFeet", holdFeet });
+    this.engine.send({ type: "holdFeet", holdFeet });
   }
 
   /** Take an observation, and the true body if it is known. Returns whether there was time for it. */

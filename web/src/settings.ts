@@ -2,13 +2,13 @@
 
 import { SENSOR_SETS, type SensorSet } from "./body/clip";
 import { COLOURINGS } from "./view/colours";
-import type { Shown } from "./view/bodies";
+import type { DisplaySettings } from "./view/bodies";
 import { HEIGHTS, isWithin, measurementFrom, type Measurement } from "./wearer";
 
 export const THEMES = ["auto", "light", "dark"] as const;
 export type Theme = (typeof THEMES)[number];
 
-export interface Settings extends Shown {
+export interface Settings extends DisplaySettings {
   readonly height: number | null; // m
   readonly measured: Measurement | null; // the wearer, by Measure me
   readonly sensors: SensorSet; // of the simulated headset

@@ -57,7 +57,7 @@ export class Bridge {
         lost: (reason, retryIn) => {
           if (retryIn === null) events.lost(`The bridge refused: ${reason}`, true);
           else {
-            events.lost("No bridge answers there; it is asked again and again.", false);
+            events.lost("No bridge answers there; the page keeps trying.", false);
             if (!this.wasWelcome) void this.askWhy();
           }
         },

@@ -65,7 +65,7 @@ export class Connection {
     return this.points > 0;
   }
 
-  tell(message: ClientMessage): void {
+  send(message: ClientMessage): void {
     if (this.isReady) this.socket?.send(JSON.stringify(message));
   }
 

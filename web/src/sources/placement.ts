@@ -8,16 +8,16 @@ export interface Placement {
   readonly offset: Vector; // m
 }
 
-export const AS_IT_IS: Placement = { turn: [1, 0, 0, 0], offset: [0, 0, 0] };
+export const UNMOVED: Placement = { turn: [1, 0, 0, 0], offset: [0, 0, 0] };
 
 /** Where a head (our joint, its T-pose facing +Z) is the middle and faces +Z, raised by `lift` m. */
-export function placedBy(position: Vector, rotation: Quaternion, lift = 0): Placement {
+export function placementAt(position: Vector, rotation: Quaternion, lift = 0): Placement {
   const turn = conjugate(heading(rotation));
   const [x, , z] = rotate(turn, position);
   return { turn, offset: [-x, lift, -z] };
 }
 
-export function placed(points: readonly Point[], { turn, offset }: Placement): Point[] {
+export function applyPlacement(points: readonly Point[], { turn, offset }: Placement): Point[] {
   return points.map((point) => ({
     ...point,
     position: point.position ? add(rotate(turn, point.position), offset) : null,

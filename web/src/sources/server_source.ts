@@ -7,7 +7,7 @@ import type { History } from "../history";
 import type { Calibrate, Recentre, Resume, Settings, Source as Input, Welcome } from "../protocol";
 import { Connection, socketAddress } from "../server/connection";
 import type { PoseFrame, SignalFrame } from "../server/frames";
-import { AS_IT_IS, placed, type Placement } from "./placement";
+import { UNMOVED, applyPlacement, type Placement } from "./placement";
 
 /** One of the server's own inputs, or the session of another client; null: the first of the inputs. */
 export type Watched = { readonly watch: Input } | { readonly follow: Resume } | null;
@@ -19,7 +19,7 @@ export interface ServerEvents {
   came(): void;
   /** The server has no input of its own. */
   empty?(): void;
-  said?(text: string): void;
+  notified?(text: string): void;
   /** The server has more inputs than the one that is watched. */
   others?(inputs: readonly Input[]): void;
   /** `again` where the page waits for the person. */
@@ -39,7 +39,7 @@ export class ServerSource {
   skeleton: Skeleton | null = null;
   private heard: number | null = null; // ms, of the page's clock: the last body
   private welcome: Welcome | null = null;
-  private placement: Placement = AS_IT_IS;
+  private placement: Placement = UNMOVED;
 
   constructor(
     address: string,
@@ -67,7 +67,7 @@ export class ServerSource {
             this.placement = { turn: axisAngle([0, 1, 0], message.heading), offset: message.offset };
           else if (message.type === "proportions" && this.skeleton)
             this.skeleton = withOffsets(this.skeleton, Float32Array.from(message.rest_offset.flat()));
-          else if (message.type === "said") this.events.said?.(message.text);
+          else if (message.type === "said") this.events.notified?.(message.text);
           else if (message.type === "error") this.events.lost(message.reason, true);
         },
         lost: (reason, retryIn) => {
@@ -93,15 +93,15 @@ export class ServerSource {
   }
 
   /** Change settings of the session that is watched; another client's are its own. */
-  tell(change: Partial<Settings>): void {
+  updateSettings(change: Partial<Settings>): void {
     if (this.watched && "follow" in this.watched) return;
-    this.connection.tell({ type: "settings", ...change });
+    this.connection.send({ type: "settings", ...change });
   }
 
   /** Ask something of the session that is watched; false if it is another client's. */
   ask(message: Recentre | Calibrate): boolean {
     if (this.watched && "follow" in this.watched) return false;
-    this.connection.tell(message);
+    this.connection.send(message);
     return true;
   }
 
@@ -145,6 +145,6 @@ export class ServerSource {
   /** The signal's points in the body's world. */
   private pointsOf({ points }: SignalFrame): Point[] {
     const named = points.map(({ point, ...seen }) => ({ ...seen, name: this.sensors[point] ?? "", accuracy: 0 }));
-    return placed(named, this.placement);
+    return applyPlacement(named, this.placement);
   }
 }

@@ -3,12 +3,12 @@
 import { Group, type Object3D } from "three";
 import { History } from "../history";
 import type { Resume } from "../protocol";
-import { Bodies, type Shown } from "../view/bodies";
+import { Bodies, type DisplaySettings } from "../view/bodies";
 import { ServerSource, type ServerEvents, type Watched } from "./server_source";
 import type { Source } from "./source";
 
 const APART = 1.1; // m between two wearers
-const LOOK: Shown = { figure: "figure", colouring: "plain", truth: false, signal: false, ghosts: false };
+const LOOK: DisplaySettings = { figure: "figure", colouring: "plain", truth: false, signal: false, ghosts: false };
 
 /** Sessions that a link names, `#watch=SESSION:TOKEN,…`. */
 export function followedBy(hash: string): readonly Resume[] {
@@ -110,7 +110,7 @@ export class Watching implements Source {
         new Companion(this.address, watched, number, this.stage, this.events.came, (companion, reason) => {
           companion.stop();
           this.companions = this.companions.filter((other) => other !== companion);
-          this.events.said?.(`One wearer is gone: ${reason}.`);
+          this.events.notified?.(`One wearer is gone: ${reason}.`);
         }),
       );
     }

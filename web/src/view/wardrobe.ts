@@ -10,7 +10,7 @@ const MOST = 4; // avatars: each holds its textures
 
 export class Wardrobe {
   private readonly avatars = new Map<string, Avatar>(); // in the order of their coming
-  wornName: string | null = null; // null: nothing is worn yet
+  currentName: string | null = null; // null: nothing is worn yet
 
   constructor(private readonly stage: Object3D) {}
 
@@ -18,8 +18,8 @@ export class Wardrobe {
     return [...this.avatars.keys()];
   }
 
-  get worn(): Avatar | null {
-    return this.avatars.get(this.wornName ?? "") ?? null;
+  get current(): Avatar | null {
+    return this.avatars.get(this.currentName ?? "") ?? null;
   }
 
   /** Put on another one, in place of one of the same name; where there are many, the oldest gives way. */
@@ -35,7 +35,7 @@ export class Wardrobe {
   /** Wear one that is here. */
   wear(name: string): void {
     if (!this.avatars.has(name)) return;
-    this.wornName = name;
+    this.currentName = name;
     for (const [other, { group }] of this.avatars) group.visible = other === name;
   }
 
@@ -49,7 +49,7 @@ export class Wardrobe {
 export async function addOwn(wardrobe: Wardrobe, base: string): Promise<void> {
   const { Avatar, readGlb } = await import("./avatar"); // three-vrm is fetched when it is wanted
   const avatar = Avatar.of(await readGlb(await unpacked(base, OWN_FILE), OWN_FILE), OWN_FILE);
-  const worn = wardrobe.wornName;
+  const chosen = wardrobe.currentName;
   if (avatar) wardrobe.add(OWN, avatar);
-  if (worn !== null) wardrobe.wear(worn);
+  if (chosen !== null) wardrobe.wear(chosen);
 }
