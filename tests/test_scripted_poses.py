@@ -247,3 +247,15 @@ def test_a_wearer_who_waves_stands_with_straight_knees():
         np.degrees(2 * np.arccos(np.abs(pose.rotation[waves, knees, 0]))).mean() for pose in (shown, clip.pose)
     )
     assert bent < truly + 5
+
+
+@pytest.mark.parametrize("device", ["head", "three_point"])
+def test_a_wearer_who_sits_down_keeps_a_foot_on_the_floor(device: str) -> None:
+    """From standing to a chair within 1.5 s, and seated: both feet once rose by 8 cm while the head went down."""
+    clip = performance_of_stranger()
+    seat = replace(clip, pose=clip.pose[6 * RATE : 14 * RATE])
+    truth, _ = forward_kinematics(seat.pose)
+    points = track(seat, device=device, person=Person(seat.pose.skeleton), causal=True).estimate.points
+    feet = seat.pose.skeleton.indices(FEET)
+    over = points[:, feet, 1].reshape(-1, 2, 3) - truth[:1, feet, 1].reshape(2, 3)  # m over a standing foot
+    assert over.min(axis=(1, 2)).max() < 0.03

@@ -8,7 +8,10 @@
 #define PULLS 6 /* times that measured legs pull a pelvis */
 static const float MOST_MOVED = 0.15F; /* m that a pelvis is moved for legs that do not reach */
 static const float SETTLE = 0.06F;     /* s in which half of what a standing pelvis lacks is made up */
-static const float STEADY = 0.7F;      /* m/s: a head that moves faster up or down jumps, sits down or rises */
+static const float SEATED = 0.65F;     /* of a standing head's height: a lower head sits on the floor or lies */
+static const float STRETCHED = 0.92F;  /* of it: a jump takes off and lands with a head that is higher */
+static const float STEADY = 0.7F;      /* m/s: a high head that moves faster up or down jumps */
+static const float FALLING = 2.0F;     /* m/s: a lower head that moves faster falls; a slower one sits down or rises */
 
 /* How far the pelvis has to move for a leg whose measured knee or ankle it does not reach. */
 static vec3 leg_lack(const limb_task *task) {
@@ -57,11 +60,12 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
     s->pulled = pulled;
 }
 
-/* 1 if the body stands or walks, 0 if it sits, lies or jumps. */
+/* 1 if feet carry the body: it stands, walks, crouches or is on a chair; 0 if it lies, sits on the floor or jumps. */
 static float uprightness(const body *b, const tracked *t, const pose_state *s) {
     float tall = standing_height(t, HEAD), high = b->point[HEAD].y - t->floor;
-    float risen = fminf(fmaxf((high / tall - 0.75F) / 0.1F, 0.0F), 1.0F);
-    float calm = fminf(fmaxf((STEADY - fabsf(s->head_speed.y)) / (0.5F * STEADY), 0.0F), 1.0F);
+    float risen = fminf(fmaxf((high / tall - SEATED) / 0.1F + 0.5F, 0.0F), 1.0F);
+    float fastest = high < STRETCHED * tall ? FALLING : STEADY;
+    float calm = fminf(fmaxf((fastest - fabsf(s->head_speed.y)) / (0.5F * fastest), 0.0F), 1.0F);
     return high > tall + 0.03F ? 0.0F : risen * calm;
 }
 

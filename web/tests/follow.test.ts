@@ -10,7 +10,7 @@ function behind(picturesPerSecond: number): number {
 }
 
 it("follows a body that walks as closely where few pictures are drawn", () => {
-  expect(behind(60)).toBeCloseTo(0.47, 1);
+  expect(behind(60)).toBeCloseTo(0.29, 2);
   expect(behind(2)).toBeLessThan(0.5);
   expect(followed(1, 30)).toBeCloseTo(1); // after a pause of the page it is there
   expect(followed(1, -1)).toBe(0);

@@ -18,7 +18,10 @@ from .vectors import STRAIGHT, UP, length, limited, mix, turn_between, turned_by
 PULLS = 6  # times that measured legs pull a pelvis
 MOST_MOVED = 0.15  # m that a pelvis is moved for legs that do not reach
 SETTLE = 0.06  # s in which half of what a standing pelvis lacks is made up
-STEADY = 0.7  # m/s: a head that moves faster up or down jumps, sits down or rises
+SEATED = 0.65  # of a standing head's height: a lower head sits on the floor or lies
+STRETCHED = 0.92  # of it: a jump takes off and lands with a head that is higher
+STEADY = 0.7  # m/s: a high head that moves faster up or down jumps
+FALLING = 2.0  # m/s: a lower head that moves faster falls; a slower one sits down or rises
 LEGS = [LIMBS[f"{side}_leg"] for side in SIDES]
 
 
@@ -60,10 +63,11 @@ def pull_pelvis(body: Body, seen: Tracked, state: PoseState, tasks: list[Task]) 
 
 
 def uprightness(body: Body, seen: Tracked, state: PoseState) -> float:
-    """1 if the body stands or walks, 0 if it sits, lies or jumps."""
+    """1 if feet carry the body (it stands, walks, crouches, is on a chair), 0 if it lies, sits on the floor or jumps."""
     tall, high = rest_height(seen.rest_offset, HEAD), body.point[HEAD][1] - seen.floor
-    risen = float(np.clip((high / tall - 0.75) / 0.1, 0, 1))
-    calm = float(np.clip((STEADY - abs(state.head_speed[1])) / (0.5 * STEADY), 0, 1))
+    risen = float(np.clip((high / tall - SEATED) / 0.1 + 0.5, 0, 1))
+    fastest = FALLING if high < STRETCHED * tall else STEADY
+    calm = float(np.clip((fastest - abs(state.head_speed[1])) / (0.5 * fastest), 0, 1))
     return 0.0 if high > tall + 0.03 else risen * calm
 
 

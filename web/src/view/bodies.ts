@@ -5,6 +5,7 @@ import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { Moment } from "../history";
 import { BodyView } from "./body_view";
 import { pointColour, TRUTH_COLOUR, type Colouring } from "./colours";
+import { ContactShadow } from "./contact_shadow";
 import { GhostView } from "./ghost_view";
 import { SignalView } from "./signal_view";
 import { Wardrobe } from "./wardrobe";
@@ -26,9 +27,10 @@ export class Bodies {
   private skeleton: Skeleton | null = null; // that the figures are built for
   private readonly signal = new SignalView();
   private readonly ghosts = new GhostView();
+  private readonly contactShadow = new ContactShadow();
 
   constructor(private readonly stage: Object3D) {
-    stage.add(this.signal.group, this.ghosts.group);
+    stage.add(this.signal.group, this.ghosts.group, this.contactShadow.group);
     this.wardrobe = new Wardrobe(stage);
   }
 
@@ -48,11 +50,13 @@ export class Bodies {
     this.signal.show(moment.signal);
     this.ghosts.group.visible = display.ghosts;
     this.ghosts.show(moment.signal);
+    this.contactShadow.group.visible = true;
+    this.contactShadow.show(moment.body, tree.points);
   }
 
   /** Nothing is on the stage. */
   clear(): void {
-    for (const part of [this.result, this.truth, this.wardrobe.current, this.signal, this.ghosts])
+    for (const part of [this.result, this.truth, this.wardrobe.current, this.signal, this.ghosts, this.contactShadow])
       if (part) part.group.visible = false;
   }
 

@@ -19,6 +19,7 @@ import {
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+import { CONTACT_SHADOWS } from "./contact_shadow";
 import { Thrift } from "./thrift";
 
 export type Look = "light" | "dark";
@@ -31,7 +32,7 @@ const RADIUS = 4.5; // m, of the floor
 const [SHADE, SHADE_AT] = [1.65, [-0.38, 0, -0.56]] as const; // m: within what the light sees of the floor
 const CLEAR = 200; // pixels between the middle of the body and what is beside it
 const FINEST = 4; // anisotropy of textures
-const AFTER = 2.5; // per s: how fast the camera goes after somebody who walks
+const AFTER = 4; // per s: how fast the camera goes after somebody who walks
 
 /** The part of a distance, m, that the camera moves by within `seconds`; the same however many pictures are drawn. */
 export function followed(distance: number, seconds: number): number {
@@ -186,6 +187,8 @@ export class View {
         if (this.thrift.frame(milliseconds)) this.resize();
         this.shade.visible = this.renderer.shadowMap.enabled;
       }
+      const isShaded = !this.renderer.xr.isPresenting && !this.renderer.shadowMap.enabled;
+      this.camera.layers[isShaded ? "enable" : "disable"](CONTACT_SHADOWS);
       if (isDue) this.renderer.render(this.scene, this.camera);
     });
   }
