@@ -84,13 +84,13 @@ void imply_rotations(tracked *t) {
 
 void place_head(tracked *t, const vec3 *before) {
     if (t->has_position[HEAD]) return;
-    vec3 moved = vec(0, 0, 0);
+    vec3 displacement = vec(0, 0, 0);
     int count = 0;
     for (int p = 0; p < BS_POINTS; p++) {
         if (!t->has_position[p]) continue;
-        moved = add(moved, before ? sub(t->position[p], before[p]) : t->position[p]);
+        displacement = add(displacement, before ? sub(t->position[p], before[p]) : t->position[p]);
         count++;
     }
-    if (count > 0) moved = scale(moved, 1.0F / (float)count);
-    t->position[HEAD] = before ? add(before[HEAD], moved) : moved;
+    if (count > 0) displacement = scale(displacement, 1.0F / (float)count);
+    t->position[HEAD] = before ? add(before[HEAD], displacement) : displacement;
 }

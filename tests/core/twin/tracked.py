@@ -135,5 +135,5 @@ def place_head(seen: Tracked, before: np.ndarray | None) -> None:
     if seen.has_position[HEAD]:
         return
     start = np.zeros((POINTS, 3)) if before is None else before
-    moved = (seen.position - start)[seen.has_position]
-    seen.position[HEAD] = start[HEAD] + (moved.mean(axis=0) if len(moved) else 0)
+    displacement = (seen.position - start)[seen.has_position]
+    seen.position[HEAD] = start[HEAD] + (displacement.mean(axis=0) if len(displacement) else 0)
