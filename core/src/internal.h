@@ -29,7 +29,7 @@ typedef struct tracked {
     mat3 rotation[BS_JOINTS];       /* world ← joint; measured or implied */
     vec3 knuckle[2][KNUCKLES];      /* m, from base: of `KNUCKLE`, measured or implied by the others */
     bool has_knuckles[2];           /* all of a hand's are known */
-    bool stands_in[4];              /* points of a hand or foot tell where a limb's end is, unless that is measured */
+    bool stands_in[4];              /* points of a hand or foot replace a limb's end that is not measured */
     float waning;                   /* s by which a raised arm that is lost is nearer to be given up: `interval` at most */
     bool at_once;                   /* a point of the body is seen again, and the settings ease nothing */
     float accuracy[BS_POINTS];      /* m; UNTRACKED where not tracked */

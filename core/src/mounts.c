@@ -1,5 +1,5 @@
-/* A calibration second tells where a tracker's joint is up to what standing still leaves open, above all how a body's
- * height is shared between legs and torso. Moving tells more: a bone has one length however its two ends turn, and a
+/* One second of calibration locates a tracker's joint only in part: standing still does not show how a body's height
+ * is divided between legs and torso. Motion shows more: a bone has one length however its two ends turn, and a
  * leg is never longer than thigh and shin together. A Kalman filter holds corrections of the joints' places, in the
  * joints' axes, and lengths of bones. Bodies change so slowly that nothing jumps. */
 #include "mounts.h"

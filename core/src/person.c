@@ -44,7 +44,7 @@
 #define MOVING_GROWTH 0.1      /* m/s, of others, and toward a height that is known */
 #define SOLE 0.05      /* m: a skeleton's lowest points are above the sole */
 
-/* A length that tells of proportions: which quantile of it is taken, and how it then differs from the rest pose. */
+/* A length that depends on proportions: the quantile that is used, and its difference from the rest pose. */
 static const struct evidence {
     signed char start, end;
     float quantile, deviation, slack; /* m */

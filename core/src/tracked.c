@@ -73,7 +73,7 @@ void imply_rotations(tracked *t) {
         mat3 rest = frame_of(sub(at_rest(t, b->joint, b->first_end), at_rest(t, b->joint, b->first_begin)),
                              sub(at_rest(t, b->joint, b->second_end), at_rest(t, b->joint, b->second_begin)));
         mat3 now = frame_of(first, second);
-        /* Points in one place or in one line tell no rotation. */
+        /* Points in one place or on one line determine no rotation. */
         if (dot(now.z, now.z) < 0.5F || dot(rest.z, rest.z) < 0.5F) {
             t->implied[b->joint] = false;
             continue;

@@ -151,7 +151,7 @@ def test_the_readme_opens_with_the_pages_film() -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Of a built page, by name; unpacked, for versions of zlib pack differently."""
+    """Return contents of a page's files by name, unpacked because versions of zlib pack differently."""
     read = {path.name: path.read_bytes() for path in folder.iterdir()}
     return {name: gzip.decompress(content) if name.endswith(".gz") else content for name, content in read.items()}
 

@@ -27,7 +27,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def heard(scenario: Callable[..., dict[str, Any]], site: Path, waving_clip: Clip, folder: Path) -> dict[str, Any]:
-    """What the page around the frame heard while a person used it."""
+    """Messages that the embedding page received during use."""
     listing = re.search(r"^```html\n(.*?)^```", DOCS.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     assert listing is not None
     (folder / "around.html").write_text(listing[1], encoding="utf-8")

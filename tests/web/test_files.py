@@ -24,7 +24,7 @@ def performance() -> dict[str, np.ndarray]:
 
 
 def fortran(path: Path) -> None:
-    """As AMASS has it: columns first, and arrays beside the motion that a page has no use for."""
+    """Write a motion as AMASS does: in Fortran order, with arrays that the page ignores."""
     motion = performance()
     np.savez_compressed(
         path,

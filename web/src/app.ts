@@ -1,4 +1,4 @@
-/** The page: sources, the engine and the person meet here. */
+/** The page's application: connects sources, engine, settings and panels. */
 
 import type { SensorSet } from "./body/clip";
 import type { Observation } from "./body/observation";
@@ -43,12 +43,12 @@ const FILE_GUIDE =
 const NO_INPUT =
   "This server has no input of its own: what you see is the page's performance. Start the server with --replay, --vmc-in or --vmt.";
 const FACTS_EVERY = 150; // ms
-const LONGEST_STEP = 0.1; // s that the timeline goes on by from one picture to the next
+const LONGEST_STEP = 0.1; // s, longest advance of the timeline between two pictures
 
 export class App {
   private settings: Settings = loadSettings(() => localStorage);
   private source: Source | null = null;
-  private awaited: Watching | null = null; // a server whose first body is not there yet
+  private awaited: Watching | null = null; // a server whose first body has not arrived yet
   private readonly welcome = element("lead").textContent;
   private readonly first = new FirstPicture(() => this.afterFirst());
   private drawnAt = 0; // ms
@@ -200,7 +200,7 @@ export class App {
     };
     const isWatching = this.source !== null;
     if (!isWatching)
-      await this.perform(); // until somebody comes
+      await this.perform(); // until a wearer arrives
     else this.say("Connecting to the server’s input …");
     this.awaited?.stop();
     const source = new Watching(this.base, this.live.history, this.view.stage, events, followedBy(location.hash));
@@ -238,11 +238,11 @@ export class App {
     this.takes.leave();
     if (this.awaited !== source) this.awaited?.stop();
     this.awaited = null;
-    if (this.source !== source) this.source?.stop?.(); // a headset that is worn again is the same source
+    if (this.source !== source) this.source?.stop?.(); // a headset that is put on again is the same source
     this.source = source;
     this.live.begin(this.personOf(source));
     this.measuring.forget();
-    this.bodies.clear(); // until the first body is there
+    this.bodies.clear(); // until the first body arrives
     this.playback.goLive();
     element("lead").textContent = source.guide ?? this.welcome;
     this.sensors.offer(source.sensors, source instanceof ClipSource);
@@ -278,7 +278,7 @@ export class App {
     this.updateServer({ height });
   }
 
-  /** More, or less, is known of the user. */
+  /** Change the known measurements of the user. */
   private know(known: Partial<Pick<Settings, "height" | "measured">>): void {
     this.change(known);
     if (this.source) this.live.setPerson(this.personOf(this.source));
@@ -290,7 +290,7 @@ export class App {
       this.say(
         this.source.first.ask({ type: "calibrate", arms_out: true })
           ? "Stand upright, arms out to the sides, and hold still: the server measures."
-          : "You watch another wearer, whom only their own page measures.",
+          : "You watch another wearer. Only their own page can measure them.",
       );
     else if (this.headset.isSeated)
       throw new Error("You are marked as sitting: switch that off, stand up, and measure.");
@@ -443,7 +443,7 @@ export class App {
     if (!this.source) return;
     if (moment) {
       this.first.draw(moment);
-      // You know what you wear, and over other pictures the body is alone: ghosts are for others' devices, on the page.
+      // Ghosts show the devices of others, and only on the page: you know what you wear.
       // The first picture does not wait for them.
       const ghosts = this.settings.ghosts && !this.source.isYou && !this.view.isClear && this.first.isMoving;
       const display = { ...this.settings, ghosts };

@@ -1,11 +1,11 @@
-/** Calibration: two seconds upright with the arms out tell the head's height and the reach of the arms. */
+/** Calibration: measures head height and arm reach in two seconds of standing upright with the arms out. */
 
 import { distance, type Vector } from "./body/math";
 import type { Observation } from "./body/observation";
 import { isWithin, REACHES, type Measurement } from "./wearer";
 
 export const LASTS = 2; // s
-const STILL = 0.05; // m: whose head moves farther does not stand still
+const STILL = 0.05; // m: largest movement of the head of a person standing still
 const FEWEST = 3; // frames: a device that can hardly keep up is measured, too
 
 /** Measure a person standing still. Throws an Error of one line if the head moved or was not tracked. */
@@ -27,7 +27,7 @@ export function calibrated(frames: readonly Observation[]): Measurement {
     return left && right ? [distance(left, right)] : [];
   });
   const reach = spans.length > 0 ? median(spans) : 0;
-  return { head: middle[1], reach: isWithin(reach, REACHES) ? reach : null }; // hanging arms tell none
+  return { head: middle[1], reach: isWithin(reach, REACHES) ? reach : null }; // hanging arms give no reach
 }
 
 function median(values: readonly number[]): number {

@@ -20,7 +20,7 @@ import { NOBODY } from "./wearer";
 const EARLY = 1e-3; // s: rounding of times
 const LATE = 0.5; // s after the end: a frame of the next round
 
-const DISPLAY = { ...DEFAULT_SETTINGS, ghosts: false }; // the motion alone, not how it is tracked
+const DISPLAY = { ...DEFAULT_SETTINGS, ghosts: false }; // the motion alone, without devices
 
 type Played = ClipSource | RecordingSource;
 
@@ -112,7 +112,7 @@ export class EmbeddedPage {
     this.endsAt = null;
     this.notice.clear();
     this.live.begin(NOBODY);
-    this.bodies.clear(); // until the first body is there
+    this.bodies.clear(); // until the first body arrives
     const kind = source instanceof ClipSource ? "motion" : "recording";
     this.embedder.send({ bodysense: "loaded", kind, name: source.title, seconds: source.rounds.length });
   }

@@ -1,7 +1,7 @@
 """Motion, devices and people to compare the core with its twin on: made up, so that no recording is needed.
 
 Draws stay away from ties, where a difference in the last bit decides: bones that turn by half a turn, a head that is
-lost for long and moves with a body as it was output, rates at which a memory may advance or not.
+lost for long and moves with the output body, rates at which a memory may or may not advance.
 """
 
 from dataclasses import dataclass, replace

@@ -54,9 +54,9 @@ DIRECTED = [
 
 
 def directed(seen: Tracked, joint: int, child: int, rotation: np.ndarray) -> np.ndarray:
-    """A rotation turned so that the joint points at its measured child.
+    """Turn a rotation so that the joint points at its measured child.
 
-    Where points err as much as they are apart, their direction says little: its share is b² / (b² + (2 e)²).
+    The direction is unreliable if the points' error e is near their distance b, so its weight is b² / (b² + (2 e)²).
     """
     if not seen.has_position[joint] or not seen.has_position[child]:
         return rotation

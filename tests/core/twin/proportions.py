@@ -46,7 +46,7 @@ STILL_GROWTH, MOVING_GROWTH = 0.02, 0.1  # m/s, of the stature of a still wearer
 
 @dataclass(frozen=True)
 class Evidence:
-    """A length that tells of proportions: which quantile is taken, and how it then differs from the rest pose."""
+    """A length that depends on proportions: the quantile that is used, and its difference from the rest pose."""
 
     start: int
     end: int | None  # None: the floor

@@ -19,7 +19,7 @@ def _zeros() -> np.ndarray:
 
 @dataclass
 class PoseState:
-    """Of the frame before, as output; places count from base."""
+    """State of the pose after the frame before, as output; positions count from base."""
 
     begun: bool = False
     has_measured_position: bool = False  # a position was measured since motion started

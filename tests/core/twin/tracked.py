@@ -47,7 +47,7 @@ class Tracked:
     has_acceleration: np.ndarray  # (22,) bool
     rest_offset: np.ndarray  # (65, 3) m
     deviation: np.ndarray  # (65,) m
-    stands_in: set[str] = field(default_factory=set)  # limbs whose end is told by other points, unless it is measured
+    stands_in: set[str] = field(default_factory=set)  # limbs whose unmeasured end is replaced by other points
     waning: float = 0.0  # s by which a raised arm that is lost is nearer to be given up
     at_once: bool = False  # a point of the body is seen again, and the settings ease nothing
 

@@ -1,4 +1,4 @@
-/** Recordings (docs/recording.md): what a device tracked, `.npz` or `.jsonl`. */
+/** Recordings of tracked points (docs/recording.md), `.npz` or `.jsonl`. */
 
 import { quaternionAt, vectorAt, type Quaternion, type Vector } from "../body/math";
 import { numbers, texts, type Archive } from "./npz";

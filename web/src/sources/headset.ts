@@ -1,4 +1,4 @@
-/** A headset by WebXR: what it tracks goes to the engine, and the wearer sees their body in a mirror. */
+/** A WebXR headset: its tracked points go to the engine, and the wearer sees their body in a mirror. */
 
 import { HeadsetReader, WearerClock } from "@bodysense/core/webxr";
 import { Matrix4, Quaternion, Vector3 } from "three";
@@ -13,8 +13,9 @@ import type { VrMenu } from "../view/vr_menu";
 import type { Source } from "./source";
 
 export interface HeadsetEvents {
-  /** One frame, as it goes to the engine. */
+  /** One frame was tracked; the engine gets the same. */
   tracked(observation: Observation): void;
+  /** The session ended; `wasRequested`: by the page, not by the headset. */
   left(wasRequested: boolean): void;
 }
 
@@ -47,8 +48,8 @@ export class Headset implements Source {
   private readonly clock = new WearerClock();
   private session: XRSession | null = null;
   private wasRequested = false;
-  private seatedLift = 0; // m: how far somebody who sits is raised to standing
-  private lift = 0; // m: how far they are raised now, less when they get up
+  private seatedLift = 0; // m: lift that raises a seated wearer to standing height
+  private lift = 0; // m: current lift; it shrinks when the wearer gets up
 
   constructor(
     private readonly view: View,
@@ -63,7 +64,7 @@ export class Headset implements Source {
     return this.session !== null;
   }
 
-  /** From a click: in VR, or in the wearer's own room. Throws an Error of one line where the headset refuses. */
+  /** Enter VR or the wearer's own room; call it from a click. Throws an Error of one line if the headset refuses. */
   async enter(mode: Immersion): Promise<void> {
     const options = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"] };
     const session = await navigator.xr?.requestSession(mode, options).catch((error: unknown) => {
@@ -88,7 +89,7 @@ export class Headset implements Source {
     this.view.stage.matrixAutoUpdate = false;
   }
 
-  /** The wearer stands in the middle and faces the front from the next frame on. */
+  /** Place the wearer in the middle, facing the front, from the next frame on. */
   recentre(): void {
     this.hasPlacement = false;
   }
@@ -121,7 +122,7 @@ export class Headset implements Source {
     this.menu.point(this.rays(frame, space));
   }
 
-  /** End the session, as the person asked. */
+  /** End the session at the user's request. */
   stop(): void {
     this.wasRequested = true;
     void this.session?.end().catch(() => undefined); // it may have ended by itself
@@ -151,7 +152,7 @@ export class Headset implements Source {
     this.mirrorStage();
   }
 
-  /** The stage behind the mirror, by where the wearer was placed. */
+  /** Move the stage behind the mirror, by the wearer's placement. */
   private mirrorStage(): void {
     const [w, x, y, z] = this.placement.turn;
     const toBody = new Matrix4().compose(
@@ -179,7 +180,7 @@ export class Headset implements Source {
     if (pose) this.menu.press(new Matrix4().fromArray(pose.transform.matrix));
   }
 
-  /** How high the head joint of the body that is shown stands, m. */
+  /** Height of the head joint of the displayed body when standing, m. */
   private standingHead(): number {
     return restPoint(this.live.tree, "head")[1];
   }

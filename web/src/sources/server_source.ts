@@ -1,4 +1,4 @@
-/** A server of bodysense: what it tracks is watched here, completed by it. */
+/** A bodysense server whose completed bodies are displayed here. */
 
 import { axisAngle } from "../body/math";
 import type { Point } from "../body/observation";
@@ -13,16 +13,17 @@ import { UNMOVED, applyPlacement, type Placement } from "./placement";
 export type Watched = { readonly watch: Input } | { readonly follow: Resume } | null;
 
 export interface ServerEvents {
-  /** The connection is there again. */
+  /** The connection is open again. */
   connected?(): void;
-  /** The first body of this input is there. */
+  /** The first body of this input arrived. */
   came(): void;
   /** The server has no input of its own. */
   empty?(): void;
+  /** The server sent a line for the user to read. */
   notified?(text: string): void;
   /** The server has more inputs than the one that is watched. */
   others?(inputs: readonly Input[]): void;
-  /** `again` where the page waits for the person. */
+  /** The connection is lost; `again`: only the user can retry. */
   lost(reason: string, again: boolean): void;
 }
 
@@ -34,10 +35,10 @@ export class ServerSource {
   title = WATCHING;
   sensors: readonly string[] = [];
   private readonly connection: Connection;
-  private signal: SignalFrame | null = null; // signal and truth come right before the pose that answers them
+  private signal: SignalFrame | null = null; // signal and truth arrive right before their pose
   private truth: PoseFrame | null = null;
   skeleton: Skeleton | null = null;
-  private heard: number | null = null; // ms, of the page's clock: the last body
+  private heard: number | null = null; // ms, on the page's clock: arrival of the last body
   private welcome: Welcome | null = null;
   private placement: Placement = UNMOVED;
 
@@ -79,7 +80,7 @@ export class ServerSource {
     this.connection.open();
   }
 
-  /** Whether bodies came, and come no more. */
+  /** Whether bodies arrived before but no longer do. */
   get isSilent(): boolean {
     return this.heard !== null && performance.now() - this.heard > SILENT;
   }
@@ -92,13 +93,13 @@ export class ServerSource {
     this.connection.open();
   }
 
-  /** Change settings of the session that is watched; another client's are its own. */
+  /** Change settings of the watched session; no effect on another client's session. */
   updateSettings(change: Partial<Settings>): void {
     if (this.watched && "follow" in this.watched) return;
     this.connection.send({ type: "settings", ...change });
   }
 
-  /** Ask something of the session that is watched; false if it is another client's. */
+  /** Send a request to the watched session. Returns false for another client's session. */
   ask(message: Recentre | Calibrate): boolean {
     if (this.watched && "follow" in this.watched) return false;
     this.connection.send(message);
@@ -110,7 +111,7 @@ export class ServerSource {
     if (this.watched === null && offered !== undefined) {
       this.watched = { watch: offered };
       this.events.others?.(others);
-      this.connection.open(); // hello again, with what there is to be watched
+      this.connection.open(); // say hello again, now naming an input
       return;
     }
     this.welcome = message;

@@ -10,8 +10,8 @@ import type { Source } from "./source";
 
 const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as webcams usually have it
 const CALM = 0.05; // s: half-life of the smoothing of landmarks
-const LONELY = 4; // s without a person after which the page says so
-const LOADING = "Loading what finds people: 23 MB, once …";
+const LONELY = 4; // s without a person before the page reports it
+const LOADING = "Loading the person detector: 23 MB, once …";
 const NOBODY = "Looking for you …";
 const REFUSALS: Readonly<Record<string, string>> = {
   NotAllowedError:
@@ -20,7 +20,7 @@ const REFUSALS: Readonly<Record<string, string>> = {
   NotReadableError: "The webcam is used by another program: close that one, and press Webcam again.",
 };
 
-/** Open the webcam. Throws an Error of one line that says what is missing. */
+/** Open the webcam. Throws an Error of one line that names the missing part. */
 export async function openWebcam(base: string, live: Live, say: (text: string) => void): Promise<Source> {
   if (!navigator.mediaDevices)
     throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
@@ -56,9 +56,9 @@ class Webcam implements Source {
   private readonly presence = new Presence();
   private isOpen = false;
   private isLooking = false;
-  private lastTime = -1; // s, of the video: the picture that was looked at last
+  private lastTime = -1; // s, of the video: time of the last analysed picture
   private before = 0; // ms, of the frame with a person before
-  private lonely = performance.now(); // ms since when nobody is seen
+  private lonely = performance.now(); // ms: when a person was last seen
   private hasReported = false;
 
   constructor(
@@ -86,7 +86,7 @@ class Webcam implements Source {
   }
 
   frame(milliseconds: number): void {
-    if (!this.isOpen) this.small.draw(this.video); // then every picture comes with its landmarks
+    if (!this.isOpen) this.small.draw(this.video); // later pictures are drawn with their landmarks
     if (!this.isOpen || this.isLooking || this.video.currentTime === this.lastTime) return;
     this.lastTime = this.video.currentTime;
     this.isLooking = true;

@@ -26,7 +26,7 @@ export class LookPanel {
     this.offer(names, currentName);
     const isFigure = settings.figure === "figure" || currentName === null;
     for (const radio of document.querySelectorAll<HTMLInputElement>("input[name=figure]"))
-      radio.checked = radio.value === settings.figure; // which the menu in VR changes, too
+      radio.checked = radio.value === settings.figure; // the menu in VR changes it, too
     element("avatar-row").hidden = isFigure || names.length < 2;
     element("colour-row").hidden = !isFigure;
     element("truth-row").hidden = !hasTruth;

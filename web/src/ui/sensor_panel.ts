@@ -21,7 +21,7 @@ export class SensorPanel {
     choice("set", set, picked);
   }
 
-  /** Offer the parts of what a source tracks; `isSimulated` where its sensors may be chosen. */
+  /** Offer the tracked parts of a source; `isSimulated`: its sensors may be chosen. */
   offer(points: readonly string[], isSimulated: boolean): void {
     element("set-row").hidden = !isSimulated;
     const parts = new Map<string, string[]>();

@@ -1,11 +1,11 @@
-/** One quiet line: who completes, how fast, and how far off that is. */
+/** Status line: tracked points, speed and error of the completion. */
 
 import { meanDistance, type Skeleton } from "../body/skeleton";
 import type { Live } from "../live";
 import type { Moment } from "../history";
 import { element } from "../page";
 
-const FEWEST = 60; // bodies from which on a pace is told: the first ones are slow everywhere
+const FEWEST = 60; // bodies before a rate is displayed: the first ones are slow everywhere
 const [SMOOTH, FLUENT] = [14, 33]; // ms: a picture at 72 and at 30 Hz
 
 export function showStatus(live: Live, moment: Moment | null, skeleton: Skeleton, title: string): void {

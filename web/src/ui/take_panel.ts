@@ -40,13 +40,13 @@ export class TakePanel {
     void kept.load(body.joints).then((takes) => this.takes.restore(takes));
   }
 
-  /** Another source is on the stage. */
+  /** End the recording, as another source begins. */
   leave(): void {
     this.takes.end();
     this.displayed = null;
   }
 
-  /** How things stand; a take that is as long as it may be has ended by itself. */
+  /** Update the panel. A take of maximum length has ended by itself. */
   draw(): void {
     const { all, chosen, isRecording } = this.takes;
     const state = JSON.stringify([
@@ -63,7 +63,7 @@ export class TakePanel {
     element("cuts").hidden = this.displayed === null || this.displayed !== chosen?.id;
     const focused = document.activeElement?.id ?? "";
     element("take-list").replaceChildren(...all.map((take) => this.row(take)));
-    document.getElementById(focused)?.focus(); // a list that is drawn anew takes no focus away
+    document.getElementById(focused)?.focus(); // a redrawn list keeps the focus
   }
 
   private row(take: Take): HTMLLIElement {

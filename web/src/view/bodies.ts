@@ -10,6 +10,7 @@ import { GhostView } from "./ghost_view";
 import { SignalView } from "./signal_view";
 import { Wardrobe } from "./wardrobe";
 
+/** Choices of what the scene displays. */
 export interface DisplaySettings {
   readonly figure: "avatar" | "figure";
   readonly colouring: Colouring;
@@ -54,7 +55,7 @@ export class Bodies {
     this.contactShadow.show(moment.body, tree.points);
   }
 
-  /** Nothing is on the stage. */
+  /** Hide all bodies. */
   clear(): void {
     for (const part of [this.result, this.truth, this.wardrobe.current, this.signal, this.ghosts, this.contactShadow])
       if (part) part.group.visible = false;

@@ -127,7 +127,7 @@ function tapers(skeleton: Skeleton, radii: readonly [number, number][]): Float32
   );
 }
 
-/** The unit ball as a point's thickness; the head's is an egg that ends at the top of the head. */
+/** Matrix from the unit ball to the ellipsoid of a point; the head's ends at the top of the head. */
 function ballMatrix(skeleton: Skeleton, point: number, radii: readonly [number, number][]): Matrix4 {
   const [across, deep] = radii[point];
   if (skeleton.points[point] !== HEAD) return new Matrix4().makeScale(across, (across + deep) / 2, deep);
