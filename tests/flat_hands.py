@@ -18,7 +18,15 @@ FLAT = template(default_glove(), hand_skeleton(default_skeleton(), "left"))
 class Flat:
     """A network that predicts a flat hand for all markers: it has large errors, and jumps with the registration."""
 
-    def run(gap_filler: GapFiller, frames: np.ndarray) -> np.ndarray:
+    def run(self, markers: np.ndarray, hand: np.ndarray) -> np.ndarray:
+        return np.tile(FLAT.reshape(-1), (len(markers), 1)).astype(np.float32)
+
+
+def flat_gap_filler(hand: Skeleton, fading: float | None = FADING) -> GapFiller:
+    return GapFillerStack((NetworkGapFiller(Flat(), (hand,), fading=fading), RigidGapFiller(FLAT)))
+
+
+def run(gap_filler: GapFiller, frames: np.ndarray) -> np.ndarray:
     state: Any = gap_filler.start(frames.shape[1])
     filled = []
     for frame in frames:

@@ -73,7 +73,7 @@ typedef struct bs_length {
     double deviation;   /* m, standard deviation; above 0 */
 } bs_length;
 
-typedef struct bs_mount { /* how a tracker is worn: T_joint_tracker */
+typedef struct bs_mount { /* mounting of a tracker: T_joint_tracker */
     uint8_t worn;         /* 1 if the joint carries a tracker whose mounting is known */
     uint8_t rotation_only; /* 1 for an inertial sensor, of which only the rotation is known */
     double translation[3]; /* m, in the joint's axes */
@@ -126,7 +126,7 @@ typedef struct bs_settings {
     double first;       /* s, interval that a first frame counts as, 1e-4 to 10; 1/30 */
     double longest;     /* s, a longer interval that is no gap counts as this, 1e-4 to 10; 0.1 */
     int32_t hold_feet;  /* 1: feet that stand are held, and none is under the floor */
-    int32_t infer;      /* 1: unknown proportions, and how trackers are worn, are inferred */
+    int32_t infer;      /* 1: infer unknown proportions and mountings of trackers */
 } bs_settings;
 
 bs_settings bs_default_settings(void);

@@ -5,7 +5,7 @@
 
 static const float SHOULDER_DOUBT = 25.0F; /* 1/m: a shoulder 4 cm off turns its collar half as far as a sure one */
 static const float COLLAR_GIVES = 0.8F;    /* of a collar's length: what it gives an arm that is too short */
-static const float KEPT_WRIST = 10.0F;     /* s: nothing tells how a lost hand is turned, and it mostly stays so */
+static const float KEPT_WRIST = 10.0F;     /* s: a lost hand mostly keeps its rotation */
 
 /* Where a shoulder goes: where it is measured, or where a measured elbow or a far wrist pulls it. From its collar, m. */
 static vec3 pulled_shoulder(const tracked *t, int limb, vec3 collar, vec3 shoulder, const limb_task *task) {

@@ -37,13 +37,13 @@ void expected_errors(const bs_model *model, const tracked *seen, const predictio
                      const float finger_error[2 * HAND_POINTS], const float off[BS_POINTS],
                      float confidence[BS_POINTS], float bound[BS_POINTS]) {
     float known[ERROR_KNOWN + ERROR_HIDDEN], inside[ERROR_HIDDEN];
-    float log_error[(2 * PLACED_POINTS + GROUP - 1) / GROUP * GROUP]; /* means, then bounds */
+    float log_error[(2 * BODY_POINTS + GROUP - 1) / GROUP * GROUP]; /* means, then bounds */
     float *to = known;
-    for (int k = 0; k < PLACED_POINTS; k++)
-        *to++ = logarithm(seen->has_position[PLACED[k]] ? TRACKED_ERROR : predicted->error[k]);
-    for (int k = 0; k < PLACED_POINTS; k++) *to++ = seen->has_position[PLACED[k]] ? 1.0F : 0.0F;
+    for (int k = 0; k < BODY_POINTS; k++)
+        *to++ = logarithm(seen->has_position[BODY_POINT[k]] ? TRACKED_ERROR : predicted->error[k]);
+    for (int k = 0; k < BODY_POINTS; k++) *to++ = seen->has_position[BODY_POINT[k]] ? 1.0F : 0.0F;
     for (int joint = 0; joint < BODY_JOINTS; joint++) *to++ = seen->has_rotation[joint] ? 1.0F : 0.0F;
-    for (int k = 0; k < PLACED_POINTS; k++) *to++ = seen->deviation[PLACED[k]];
+    for (int k = 0; k < BODY_POINTS; k++) *to++ = seen->deviation[BODY_POINT[k]];
     for (int joint = 0; joint < BODY_JOINTS; joint++)
         *to++ = logarithm(seen->has_position[joint] ? TRACKED_UNLIKE : predicted->unlike[joint]);
     memcpy(inside, model->error_inward_offset, sizeof inside);
@@ -53,9 +53,9 @@ void expected_errors(const bs_model *model, const tracked *seen, const predictio
     model->kernel.run_table(&model->error_weight, 1, known, 0, log_error, 0);
 
     float rare = rarity(seen);
-    for (int k = 0; k < PLACED_POINTS; k++) {
-        confidence[PLACED[k]] = exponential(log_error[k]);
-        bound[PLACED[k]] = rare * exponential(log_error[PLACED_POINTS + k]);
+    for (int k = 0; k < BODY_POINTS; k++) {
+        confidence[BODY_POINT[k]] = exponential(log_error[k]);
+        bound[BODY_POINT[k]] = rare * exponential(log_error[BODY_POINTS + k]);
     }
     for (int k = 0; k < 2 * HAND_POINTS; k++) { /* a finger is misplaced by its wrist's error as well */
         const int hand = k / HAND_POINTS, place = k % HAND_POINTS;
@@ -63,7 +63,7 @@ void expected_errors(const bs_model *model, const tracked *seen, const predictio
                                               : (hand ? RIGHT_INDEX_TIP : LEFT_INDEX_TIP) + 2 * (place - HAND_JOINTS);
         const int wrist = WRIST[hand];
         confidence[point] = exponential(log_error[wrist]) + finger_error[k];
-        bound[point] = rare * exponential(log_error[PLACED_POINTS + wrist]) + finger_error[k] * NORMAL_BOUND;
+        bound[point] = rare * exponential(log_error[BODY_POINTS + wrist]) + finger_error[k] * NORMAL_BOUND;
     }
     for (int p = 0; p < BS_POINTS; p++) {
         if (!seen->has_position[p]) continue;

@@ -25,7 +25,7 @@ static const signed char STRAPPED[STRAPPED_JOINTS] = {PELVIS,        SPINE3,    
 
 static bool turned(const tracked *seen, int joint) { return seen->has_rotation[joint] || seen->implied[joint]; }
 
-head_frame find_frame(const tracked *seen, const remembered *last) {
+head_frame find_frame(const tracked *seen, const input_memory *last) {
     static const signed char PAIR[3][2] = {
         {LEFT_HIP, RIGHT_HIP}, {LEFT_SHOULDER, RIGHT_SHOULDER}, {LEFT_ANKLE, RIGHT_ANKLE}};
     float cosine = last->cosine, sine = last->sine;
@@ -53,8 +53,8 @@ head_frame find_frame(const tracked *seen, const remembered *last) {
 float stature(const vec3 rest_offset[BS_POINTS]) {
     float height[BODY_JOINTS], lowest = 0; /* m, above the pelvis */
     height[0] = 0;
-    for (int k = 1; k < PLACED_POINTS; k++) {
-        const int point = PLACED[k];
+    for (int k = 1; k < BODY_POINTS; k++) {
+        const int point = BODY_POINT[k];
         const float here = height[PARENT[point]] + rest_offset[point].y;
         if (point < BODY_JOINTS) height[point] = here;
         lowest = here < lowest ? here : lowest;
@@ -62,19 +62,19 @@ float stature(const vec3 rest_offset[BS_POINTS]) {
     return (height[HEAD] - lowest) / HEAD_HEIGHT + FLATTEST;
 }
 
-reading read_person(const tracked *seen, const remembered *last) {
+reading read_person(const tracked *seen, const input_memory *last) {
     reading read;
     read.size = stature(seen->rest_offset);
     read.interval = last->elapsed + seen->interval;
-    for (int k = 0; k < PLACED_POINTS; k++) {
-        read.place[k] = seen->position[PLACED[k]];
-        read.has_place[k] = seen->has_position[PLACED[k]];
+    for (int k = 0; k < BODY_POINTS; k++) {
+        read.place[k] = seen->position[BODY_POINT[k]];
+        read.has_place[k] = seen->has_position[BODY_POINT[k]];
     }
     for (int hand = 0; hand < 2; hand++) {
         vec3 sum = vec(0, 0, 0);
         for (int k = 0; k < KNUCKLES; k++) sum = add(sum, seen->knuckle[hand][k]);
-        read.place[PLACED_POINTS + hand] = scale(sum, 0.25F);
-        read.has_place[PLACED_POINTS + hand] = seen->has_knuckles[hand];
+        read.place[BODY_POINTS + hand] = scale(sum, 0.25F);
+        read.has_place[BODY_POINTS + hand] = seen->has_knuckles[hand];
     }
     for (int joint = 0; joint < BODY_JOINTS; joint++) read.has_axes[joint] = turned(seen, joint);
     return read;
@@ -86,16 +86,16 @@ static int accurate_knuckle(const tracked *seen, int hand) {
 }
 
 static int partner_read(int k) {
-    if (k >= PLACED_POINTS) return 2 * PLACED_POINTS + 1 - k;
-    const int partner = PARTNER[PLACED[k]];
-    for (int other = 0; other < PLACED_POINTS; other++) {
-        if (PLACED[other] == partner) return other;
+    if (k >= BODY_POINTS) return 2 * BODY_POINTS + 1 - k;
+    const int partner = PARTNER[BODY_POINT[k]];
+    for (int other = 0; other < BODY_POINTS; other++) {
+        if (BODY_POINT[other] == partner) return other;
     }
     return k;
 }
 
 void write_features(const bs_model *model, const tracked *seen, const reading *read, head_frame frame,
-                    const remembered *last, bool mirrored, float *out) {
+                    const input_memory *last, bool mirrored, float *out) {
     const float smaller = 1.0F / read->size, rate = 1.0F / read->interval;
     const vec3 none = vec(0, 0, 0);
     float *first = out;
@@ -109,12 +109,12 @@ void write_features(const bs_model *model, const tracked *seen, const reading *r
     for (int k = 0; k < READ_POINTS; k++) *out++ = read->has_place[source[k]] ? 1.0F : 0.0F;
     for (int k = 0; k < READ_POINTS; k++) {
         const int s = source[k];
-        const vec3 moved = sub(read->place[s], last->place[s]);
-        const vec3 v = limited(scale(to_frame(frame, moved), smaller * rate), FASTEST);
+        const vec3 displacement = sub(read->place[s], last->place[s]);
+        const vec3 v = limited(scale(to_frame(frame, displacement), smaller * rate), FASTEST);
         out = put(out, !read->has_place[s] || last->had_place[s] < 0.5F ? none : mirrored ? reflected(v) : v);
     }
     for (int k = 0; k < READ_POINTS; k++) {
-        const int s = source[k], point = s < PLACED_POINTS ? PLACED[s] : accurate_knuckle(seen, s - PLACED_POINTS);
+        const int s = source[k], point = s < BODY_POINTS ? BODY_POINT[s] : accurate_knuckle(seen, s - BODY_POINTS);
         const float accuracy = seen->accuracy[point] > FINEST ? seen->accuracy[point] : FINEST;
         *out++ = read->has_place[s] ? (logarithm(accuracy) + 6.90775528F) * 0.434294482F : 0.0F; /* log10 of mm */
     }
@@ -135,14 +135,14 @@ void write_features(const bs_model *model, const tracked *seen, const reading *r
         if (!read->has_axes[joint] || last->had_axes[s] < 0.5F) out = put_axes(out, none, none);
         else out = mirrored ? put_axes(out, scale(reflected(x), -1), reflected(y)) : put_axes(out, x, y);
     }
-    for (int k = 0; k < PLACED_POINTS; k++) {
+    for (int k = 0; k < BODY_POINTS; k++) {
         const int s = source[k];
         const float *usual = model->usual_bones + (size_t)(3 * s);
-        const vec3 bone = sub(scale(seen->rest_offset[PLACED[s]], smaller), vec(usual[0], usual[1], usual[2]));
+        const vec3 bone = sub(scale(seen->rest_offset[BODY_POINT[s]], smaller), vec(usual[0], usual[1], usual[2]));
         const vec3 v = scale(bone, s ? BONE_SCALE : 0.0F); /* the pelvis hangs on nothing */
         out = put(out, mirrored ? reflected(v) : v);
     }
-    for (int k = 0; k < PLACED_POINTS; k++) *out++ = BONE_SCALE * seen->deviation[PLACED[source[k]]];
+    for (int k = 0; k < BODY_POINTS; k++) *out++ = BONE_SCALE * seen->deviation[BODY_POINT[source[k]]];
     *out++ = USUAL_RATE * read->interval;
     if (model->features >= FEATURES_ACCELERATION) {
         for (int k = 0; k < STRAPPED_JOINTS; k++) {

@@ -4,11 +4,11 @@
 
 #include "model.h"
 
-#define READ_POINTS (PLACED_POINTS + 2) /* and the middle of each hand's knuckles */
+#define READ_POINTS (BODY_POINTS + 2) /* and the middle of each hand's knuckles */
 #define SPINNING 3                      /* head and wrists, whose angular velocity is an input */
 
 /* Memory of the networks for one person; all of it floats. */
-typedef struct remembered {
+typedef struct input_memory {
     float begun;         /* 0 before the first frame, then 1 */
     float elapsed;       /* s since the networks' memories last advanced */
     float advances;      /* 1 if they advance in this frame */
@@ -17,10 +17,10 @@ typedef struct remembered {
     vec3 place[READ_POINTS]; /* m, from base: points when memories last advanced */
     vec3 axis[SPINNING][2];  /* likewise x and y axes of head and wrists, world */
     float had_place[READ_POINTS], had_axes[SPINNING]; /* 1 where these were tracked */
-} remembered;
+} input_memory;
 
 /* The hidden states follow it: of the body's layers, of those for the mirror image, of both hands. */
-static inline float *hidden_of(float *memory) { return memory + sizeof(remembered) / sizeof(float); }
+static inline float *hidden_of(float *memory) { return memory + sizeof(input_memory) / sizeof(float); }
 
 /* Sources of the features. */
 typedef struct reading {
@@ -32,17 +32,17 @@ typedef struct reading {
 } reading;
 
 /* The frame under the head of one person, from whatever is tracked. */
-head_frame find_frame(const tracked *seen, const remembered *last);
+head_frame find_frame(const tracked *seen, const input_memory *last);
 
 /* Height of a skeleton's head above its soles at rest, as a share of the reference's. */
 float stature(const vec3 rest_offset[BS_POINTS]);
 
 /* Return the sources of one person's features. */
-reading read_person(const tracked *seen, const remembered *last);
+reading read_person(const tracked *seen, const input_memory *last);
 
 /* Write features of a body, or of its mirror image at the plane x = 0 of the frame under the head. */
 void write_features(const bs_model *model, const tracked *seen, const reading *read, head_frame frame,
-                    const remembered *last, bool mirrored, float *out);
+                    const input_memory *last, bool mirrored, float *out);
 
 static inline vec3 to_frame(head_frame f, vec3 v) {
     return vec(f.cosine * v.x - f.sine * v.z, v.y, f.sine * v.x + f.cosine * v.z);

@@ -26,7 +26,7 @@ static vec3 flipped(vec3 v, int hand) { return hand ? reflected(v) : v; }
 
 /* Features of a hand; those of the right one in a mirror, where an x axis keeps pointing outward. */
 static void write_hand(const bs_model *m, const tracked *seen, head_frame frame, const body *now,
-                       const remembered *last, int hand, float *out) {
+                       const input_memory *last, int hand, float *out) {
     const int wrist = wrist_of(hand);
     const mat3 turn = now->rotation[wrist];
     const float x_sign = hand ? -1.0F : 1.0F;
@@ -137,7 +137,7 @@ static void complete_together(const bs_model *m, int people, const tracked *seen
     hand_scratch h = scratch_of(m, &s, people);
     for (int c = 0; c < columns; c++) {
         const int p = c / 2, hand = c % 2;
-        const remembered *last = (const remembered *)(const void *)memory[p];
+        const input_memory *last = (const input_memory *)(const void *)memory[p];
         write_hand(m, &seen[p], frame[p], &out[p], last, hand, h.features + c * m->hand_features);
         memcpy(h.before + (size_t)c * hidden, hidden_of(memory[p]) + others + (size_t)hand * hidden,
                hidden * sizeof(float));
@@ -147,7 +147,7 @@ static void complete_together(const bs_model *m, int people, const tracked *seen
     quantise_columns(m, columns, h.after, m->hand_hidden, h.after_in);
     run_branch(m, &m->fingers, columns, h.after_in, h.features_in, h.output, h.work);
     for (int p = 0; p < people; p++) {
-        remembered *own = (remembered *)(void *)memory[p];
+        input_memory *own = (input_memory *)(void *)memory[p];
         for (int hand = 0; hand < 2; hand++)
             place_hand(m, &seen[p], hand, h.output + (2 * p + hand) * grouped(HAND_OUTPUTS), &out[p],
                        finger_error[p] + hand * HAND_POINTS);

@@ -64,15 +64,15 @@ static void keep_distance(vec3 found[BODY_JOINTS], int first, int second, float 
 /* Places (m) that measured joints and bones agree on, near those of a predicted body. */
 static void find_places(const tracked *t, const body *b, vec3 found[BODY_JOINTS]) {
     float share[BODY_JOINTS], size[BODY_JOINTS], stiff[STIFF_COUNT];
-    vec3 moved[BODY_JOINTS];
+    vec3 displacement[BODY_JOINTS];
     for (int j = 0; j < BODY_JOINTS; j++) {
         bool seen = t->has_position[j], spine = j == PELVIS || j == SPINE1 || j == SPINE2 || j == SPINE3;
         float doubt = DOUBT * t->accuracy[j];
         share[j] = seen ? 1.0F / (1.0F + doubt * doubt) : 0.0F;
         size[j] = length(t->rest_offset[j]);
         /* Joints beyond a measured one start with its displacement. */
-        vec3 carried = spine ? vec(0, 0, 0) : moved[PARENT[j]];
-        moved[j] = seen ? scale(sub(t->position[j], b->point[j]), share[j]) : carried;
+        vec3 carried = spine ? vec(0, 0, 0) : displacement[PARENT[j]];
+        displacement[j] = seen ? scale(sub(t->position[j], b->point[j]), share[j]) : carried;
         found[j] = seen ? b->point[j] : add(b->point[j], carried);
     }
     for (int k = 0; k < STIFF_COUNT; k++) stiff[k] = distance(b->point[STIFF[k][0]], b->point[STIFF[k][1]]);

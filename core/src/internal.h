@@ -1,7 +1,8 @@
 /* Types shared by the parts of a step. The steps of a frame:
  *
  *     clock, mounts, proportions (person.c) → tracked points (tracked.c) → features (features.c) → network (network.c,
- *     matrix.c) → settling (settle.c) → measured points, limbs, feet (pose.c, limbs.c, feet.c) → fingers (fingers.c) →
+ *     matrix.c) → decaying offsets (offset_decay.c) → measured points, limbs, feet (pose.c, limbs.c,
+ *     feet.c) → fingers (fingers.c) →
  *     expected errors (errors.c) → local rotations
  */
 #ifndef BODYSENSE_INTERNAL_H
@@ -28,7 +29,7 @@ typedef struct tracked {
     mat3 rotation[BS_JOINTS];       /* world ← joint; measured or implied */
     vec3 knuckle[2][KNUCKLES];      /* m, from base: of `KNUCKLE`, measured or implied by the others */
     bool has_knuckles[2];           /* all of a hand's are known */
-    bool stands_in[4];              /* points of a hand or foot tell where a limb's end is, unless that is measured */
+    bool stands_in[4];              /* points of a hand or foot replace a limb's end that is not measured */
     float waning;                   /* s by which a raised arm that is lost is nearer to be given up: `interval` at most */
     bool at_once;                   /* a point of the body is seen again, and the settings ease nothing */
     float accuracy[BS_POINTS];      /* m; UNTRACKED where not tracked */
@@ -53,7 +54,7 @@ typedef struct prediction {
     mat3 rotation[BODY_JOINTS];  /* world ← joint */
     vec3 head;                   /* m, from base: where the head is if it is not tracked */
     float contact[BS_CONTACTS];  /* probability */
-    float error[PLACED_POINTS];  /* m, expected position error, of `placed_points` */
+    float error[BODY_POINTS];  /* m, expected position error, of `placed_points` */
     float unlike[BODY_JOINTS];   /* how much the axes predicted for a body and for its mirror image differ */
 } prediction;
 

@@ -63,7 +63,7 @@ static inline workspace workspace_of(scratch *s, int columns, int hidden, int wi
 void run_recurrent(const bs_model *model, const recurrent *layer, int columns, inputs x, const float *before,
                    float *after, workspace w);
 
-/* A branch: what is remembered and what is read → outputs (columns × whole groups). */
+/* A branch: memory and inputs → outputs (columns × whole groups). */
 void run_branch(const bs_model *model, const branch *b, int columns, inputs hidden, inputs features, float *out,
                 workspace w);
 

@@ -6,7 +6,7 @@
 #include "trunk.h"
 
 #define PULLS 6 /* times that measured legs pull a pelvis */
-static const float MOST_MOVED = 0.15F; /* m that a pelvis is moved for legs that do not reach */
+static const float MAX_PELVIS_SHIFT = 0.15F; /* m, largest shift of the pelvis toward targets out of reach */
 static const float SETTLE = 0.06F;     /* s in which half of what a standing pelvis lacks is made up */
 static const float SEATED = 0.65F;     /* of a standing head's height: a lower head sits on the floor or lies */
 static const float STRETCHED = 0.92F;  /* of it: a jump takes off and lands with a head that is higher */
@@ -25,10 +25,10 @@ static vec3 leg_lack(const limb_task *task) {
 static void move_pelvis(body *b, const tracked *t, limb_task task[2], vec3 move) {
     vec3 before = b->point[PELVIS];
     bend_spine(b, t, move);
-    vec3 moved = sub(b->point[PELVIS], before);
+    vec3 pelvis_shift = sub(b->point[PELVIS], before);
     for (int k = 0; k < 2; k++) {
-        if (task[k].end_seen) task[k].end = sub(task[k].end, moved);
-        if (task[k].middle_seen) task[k].middle = sub(task[k].middle, moved);
+        if (task[k].end_seen) task[k].end = sub(task[k].end, pelvis_shift);
+        if (task[k].middle_seen) task[k].middle = sub(task[k].middle, pelvis_shift);
     }
 }
 
@@ -46,14 +46,14 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
             lack = add(lack, leg_lack(&task[k]));
             count += 1.0F;
         }
-        vec3 moved = sub(b->point[PELVIS], before);
-        move_pelvis(b, t, task, sub(limited(along(moved, lack, 1.0F / count), MOST_MOVED), moved));
+        vec3 pelvis_shift = sub(b->point[PELVIS], before);
+        move_pelvis(b, t, task, sub(limited(along(pelvis_shift, lack, 1.0F / count), MAX_PELVIS_SHIFT), pelvis_shift));
     }
-    vec3 moved = sub(b->point[PELVIS], before);
+    vec3 pelvis_shift = sub(b->point[PELVIS], before);
     bool breaks = s->begun && pulling != s->pulling;
     float span = t->at_once ? 0.0F : BLEND;
-    vec3 shown = eased(&s->pull, moved, s->pulled, s->pulled_speed, t->interval, breaks, span, 0.0F);
-    move_pelvis(b, t, task, sub(shown, moved));
+    vec3 eased_shift = eased(&s->pull, pelvis_shift, s->pulled, s->pulled_speed, t->interval, breaks, span, 0.0F);
+    move_pelvis(b, t, task, sub(eased_shift, pelvis_shift));
     s->pulling = pulling;
     vec3 pulled = sub(b->point[PELVIS], before);
     s->pulled_speed = scale(sub(pulled, s->pulled), s->begun ? 1.0F / t->interval : 0.0F);
@@ -129,15 +129,15 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         lacking = fmaxf(lacking, lacking_height(b->point[LEFT_HIP + k], end, longest));
     }
     if (pelvis_seen(t)) lacking = 0.0F;
-    s->standing_drop += settle * (fminf(lacking, MOST_MOVED) - s->standing_drop);
+    s->standing_drop += settle * (fminf(lacking, MAX_PELVIS_SHIFT) - s->standing_drop);
     vec3 pelvis = b->point[PELVIS];
     bend_spine(b, t, vec(0, -s->standing_drop, 0));
-    vec3 moved = sub(b->point[PELVIS], pelvis);
+    vec3 pelvis_shift = sub(b->point[PELVIS], pelvis);
     for (int k = 0; k < 2; k++) {
         /* Feet stay where they are when the pelvis is lowered for them. */
-        vec3 shift = sub(move[k], moved);
+        vec3 shift = sub(move[k], pelvis_shift);
         task[k].end = add(task[k].end, shift);
-        if (task[k].middle_seen) task[k].middle = sub(task[k].middle, moved);
+        if (task[k].middle_seen) task[k].middle = sub(task[k].middle, pelvis_shift);
         else keep_forward(&task[k], t, LEFT_LEG + k, b->rotation[LEFT_HIP + k]);
         two_bones to = solve_limb(&task[k]);
         turn_limb(b, t, LEFT_LEG + k, to);
@@ -153,6 +153,6 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         l->end_held = move[k];
         l->end_shift = sub(to.end, free[k].end);
         l->middle_shift = sub(to.middle, free[k].middle);
-        l->middle_held = add(l->middle_shift, moved);
+        l->middle_held = add(l->middle_shift, pelvis_shift);
     }
 }

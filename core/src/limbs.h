@@ -29,10 +29,10 @@ typedef struct limb_task {
  * A finger does once it has been seen for `ease` seconds: a body that follows one that blinks jumps. */
 void find_stand_ins(const bs_settings *settings, pose_state *s, tracked *t);
 
-/* Where measured points, rotations and the prediction would have a limb, before easing.
+/* Return the goal of a limb before easing, from measured points, rotations and the prediction.
  *
- * `rotation` are the goals of the body's joints, `b` is the body so far, with hands, feet and measured bones as they are
- * output, and `start` the place of the limb's start from base. */
+ * `rotation`: goals of the body's joints. `b`: the body so far, with the output rotations of hands, feet and measured
+ * bones. `start`: position of the limb's start, from base. */
 limb_task limb_goal(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], const body *b, vec3 start);
 
 /* Keep a knee that is on its way to where it is measured from bending backward, seen from the thigh's rotation. */

@@ -122,7 +122,7 @@ static inline int32_t pair_at(const int16_t *p) {
 
 #define NAME(x) avx512vnni_##x
 #define TARGET __attribute__((target("avx512f,avx512bw,avx512vnni")))
-#define LANES 16
+#define SIMD_WIDTH 16
 #define MOST_GROUPS 4
 #define SUMS __m512i
 #define FLOATS __m512
@@ -143,7 +143,7 @@ static inline int32_t pair_at(const int16_t *p) {
 
 #define NAME(x) avx2_##x
 #define TARGET __attribute__((target("avx2")))
-#define LANES 8
+#define SIMD_WIDTH 8
 #define MOST_GROUPS 1
 #define SUMS __m256i
 #define FLOATS __m256
@@ -184,7 +184,7 @@ static inline int16x4_t neon_pair(const int16_t *p) {
 
 #define NAME(x) neon_##x
 #define TARGET
-#define LANES 4
+#define SIMD_WIDTH 4
 #define MOST_GROUPS 1
 #define SUMS neon_sums
 #define FLOATS float32x4_t
@@ -209,7 +209,7 @@ static inline int16x4_t neon_pair(const int16_t *p) {
 
 #define NAME(x) simd128_##x
 #define TARGET
-#define LANES 4
+#define SIMD_WIDTH 4
 #define MOST_GROUPS 1
 #define SUMS v128_t
 #define FLOATS v128_t

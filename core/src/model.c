@@ -332,7 +332,7 @@ static bs_model loaded(reader *r) {
     m.judge = load_branch(r, "body.judge_branch", m.hidden, m.features, JUDGED);
     m.hands = load_recurrent(r, "fingers", 0, HAND_FEATURES, m.hand_hidden);
     m.fingers = load_branch(r, "fingers.branch", m.hand_hidden, HAND_FEATURES, HAND_OUTPUTS);
-    m.usual_bones = load_floats(r, "body.usual_bones", PLACED_POINTS, 3);
+    m.usual_bones = load_floats(r, "body.usual_bones", BODY_POINTS, 3);
     m.standing = load_floats(r, "body.standing", BODY_JOINTS, 6);
     m.usual_fingers = load_floats(r, "fingers.usual_bones", HAND_POINTS, 3);
     m.relaxed = load_floats(r, "fingers.relaxed", HAND_JOINTS, 6);
@@ -340,8 +340,8 @@ static bs_model loaded(reader *r) {
     m.shape_components = load_doubles(r, "shape.components", SHAPE_SIZE, 3 * BS_POINTS);
     m.error_inward = load_table(r, "errors.inward.weight", ERROR_HIDDEN, ERROR_KNOWN);
     m.error_inward_offset = load_floats(r, "errors.inward.bias", ERROR_HIDDEN, 1);
-    m.error_weight = load_table(r, "errors.weight", 2 * PLACED_POINTS, ERROR_KNOWN + ERROR_HIDDEN);
-    m.error_offset = load_floats(r, "errors.bias", 2 * PLACED_POINTS, 1);
+    m.error_weight = load_table(r, "errors.weight", 2 * BODY_POINTS, ERROR_KNOWN + ERROR_HIDDEN);
+    m.error_offset = load_floats(r, "errors.bias", 2 * BODY_POINTS, 1);
     return m;
 }
 

@@ -9,10 +9,10 @@
 
 #define MOST_LAYERS 4
 #define ERROR_HIDDEN 96                                 /* of the map that makes expected errors true */
-#define ERROR_KNOWN (3 * PLACED_POINTS + 2 * BODY_JOINTS) /* what it reads */
+#define ERROR_KNOWN (3 * BODY_POINTS + 2 * BODY_JOINTS) /* what it reads */
 #define HAND_OUTPUTS (6 * HAND_JOINTS + HAND_POINTS)    /* of the finger network, for each hand */
 #define TURNED (6 * BODY_JOINTS + 3)                    /* outputs of the branch that turns joints and places the head */
-#define JUDGED (BS_CONTACTS + PLACED_POINTS)            /* of the branch that judges contact and error */
+#define JUDGED (BS_CONTACTS + BODY_POINTS)              /* of the branch that judges contact and error */
 
 /* A recurrent layer (GRU). Rows are those of the reset gate, of the update gate and of the candidate. */
 typedef struct recurrent {

@@ -1,7 +1,7 @@
-/* A calibration second tells where a tracker's joint is up to what standing still leaves open, above all how a body's
- * height is shared between legs and torso. Moving tells more: a bone has one length however its two ends turn, and a
+/* One second of calibration locates a tracker's joint only in part: standing still does not show how a body's height
+ * is divided between legs and torso. Motion shows more: a bone has one length however its two ends turn, and a
  * leg is never longer than thigh and shin together. A Kalman filter holds corrections of the joints' places, in the
- * joints' axes, and lengths of bones. Bodies are moved so slowly that nothing jumps. */
+ * joints' axes, and lengths of bones. Bodies change so slowly that nothing jumps. */
 #include "mounts.h"
 
 #include <string.h>
@@ -20,8 +20,10 @@
 
 enum bone { THIGH, SHIN, FOREARM };
 
-static const signed char JOINT[WORN] = {PELVIS, LEFT_KNEE, RIGHT_KNEE, LEFT_ANKLE, RIGHT_ANKLE, LEFT_ELBOW, RIGHT_ELBOW};
-static const double UNSURE[WORN][3] = { /* m: standard deviation of a calibrated place: sideways, up, forward */
+static const signed char JOINT[REFINED_JOINTS] = {
+    PELVIS, LEFT_KNEE, RIGHT_KNEE, LEFT_ANKLE, RIGHT_ANKLE, LEFT_ELBOW, RIGHT_ELBOW};
+static const double UNSURE[REFINED_JOINTS][3] = {
+    /* m: standard deviation of a calibrated place: sideways, up, forward */
     {0.008, 0.022, 0.012}, {0.01, 0.016, 0.012}, {0.01, 0.016, 0.012}, {0.01, 0.008, 0.012},
     {0.01, 0.008, 0.012}, {0.016, 0.012, 0.012}, {0.016, 0.012, 0.012},
 };
@@ -42,18 +44,18 @@ static const struct distance {
 };
 
 /* Which of the joints with corrections this is; -1 if none. */
-static int worn_place(int joint) {
-    for (int w = 0; w < WORN; ++w)
+static int refined_index(int joint) {
+    for (int w = 0; w < REFINED_JOINTS; ++w)
         if (JOINT[w] == joint) return w;
     return -1;
 }
 
-static bool is_placed(const bs_mount *mount) { return mount->worn && !mount->rotation_only; }
+static bool is_positional(const bs_mount *mount) { return mount->worn && !mount->rotation_only; }
 
 /* Whether the person wears a tracker whose mounting can be refined. */
-static bool any_worn(const bs_person *person) {
-    for (int w = 0; w < WORN; ++w)
-        if (is_placed(&person->mount[JOINT[w]])) return true;
+static bool any_positional(const bs_person *person) {
+    for (int w = 0; w < REFINED_JOINTS; ++w)
+        if (is_positional(&person->mount[JOINT[w]])) return true;
     return false;
 }
 
@@ -62,11 +64,11 @@ void mounts_start(const bs_person *person, mounts *own) {
     for (int b = 0; b < LIMB_BONES; ++b) {
         const double *offset = person->rest_offset[BONE_END[b]];
         double unsure = fmax(person->deviation[BONE_END[b]], LEAST_UNSURE);
-        own->mean[3 * WORN + b] = sqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]);
-        own->covariance[3 * WORN + b][3 * WORN + b] = unsure * unsure;
+        own->mean[3 * REFINED_JOINTS + b] = sqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]);
+        own->covariance[3 * REFINED_JOINTS + b][3 * REFINED_JOINTS + b] = unsure * unsure;
     }
-    for (int w = 0; w < WORN; ++w)
-        for (int c = 0; c < 3 && is_placed(&person->mount[JOINT[w]]); ++c)
+    for (int w = 0; w < REFINED_JOINTS; ++w)
+        for (int c = 0; c < 3 && is_positional(&person->mount[JOINT[w]]); ++c)
             own->covariance[3 * w + c][3 * w + c] = UNSURE[w][c] * UNSURE[w][c];
 }
 
@@ -98,34 +100,34 @@ static void in_world(const mat3 *axes, const double v[3], double world[3]) {
 /* Take in one distance: a step of the filter. */
 static void take_in(const struct distance *one, const bs_person *person, const tracked *seen, mounts *own) {
     int ends[2] = {one->start, one->end};
-    double apart[3], moved[3], direction[3], slope[BELIEFS] = {0}, spread[BELIEFS], far = 0.0, expected = 0.0;
+    double apart[3], world_offset[3], direction[3], slope[BELIEFS] = {0}, spread[BELIEFS], far = 0.0, expected = 0.0;
     vec3 start = seen->position[one->start], end = seen->position[one->end];
     apart[0] = (double)end.x - (double)start.x;
     apart[1] = (double)end.y - (double)start.y;
     apart[2] = (double)end.z - (double)start.z;
     if (one->offset >= 0) {
-        in_world(&seen->rotation[one->start], person->rest_offset[one->offset], moved);
-        for (int c = 0; c < 3; ++c) apart[c] -= moved[c];
+        in_world(&seen->rotation[one->start], person->rest_offset[one->offset], world_offset);
+        for (int c = 0; c < 3; ++c) apart[c] -= world_offset[c];
     }
     for (int e = 0; e < 2; ++e) {
-        int w = worn_place(ends[e]);
+        int w = refined_index(ends[e]);
         if (w < 0) continue;
-        in_world(&seen->rotation[ends[e]], &own->mean[3 * w], moved);
-        for (int c = 0; c < 3; ++c) apart[c] += e == 0 ? -moved[c] : moved[c];
+        in_world(&seen->rotation[ends[e]], &own->mean[3 * w], world_offset);
+        for (int c = 0; c < 3; ++c) apart[c] += e == 0 ? -world_offset[c] : world_offset[c];
     }
     for (int c = 0; c < 3; ++c) far += apart[c] * apart[c];
     far = sqrt(far);
     for (int c = 0; c < 3; ++c) direction[c] = apart[c] / fmax(far, 0.01);
     for (int e = 0; e < 2; ++e) {
-        int w = worn_place(ends[e]);
+        int w = refined_index(ends[e]);
         if (w < 0) continue;
         in_axes(&seen->rotation[ends[e]], direction, &slope[3 * w]);
         for (int c = 0; c < 3 && e == 0; ++c) slope[3 * w + c] = -slope[3 * w + c];
     }
     double excess = far, noise = NOISE;
     for (int b = one->first; b <= one->last; ++b) {
-        slope[3 * WORN + b] = -1.0;
-        excess -= own->mean[3 * WORN + b];
+        slope[3 * REFINED_JOINTS + b] = -1.0;
+        excess -= own->mean[3 * REFINED_JOINTS + b];
     }
     for (int i = 0; i < BELIEFS; ++i) {
         spread[i] = 0.0;
@@ -139,7 +141,7 @@ static void take_in(const struct distance *one, const bs_person *person, const t
     }
     double variance = expected + noise * noise;
     if (!(fabs(excess) <= FARTHEST * sqrt(variance))) return;
-    for (int i = 0; i < 3 * WORN; ++i)
+    for (int i = 0; i < 3 * REFINED_JOINTS; ++i)
         if (!(fabs(own->mean[i] - spread[i] * (excess / variance)) <= MOST)) return;
     for (int i = 0; i < BELIEFS; ++i) {
         own->mean[i] -= spread[i] * (excess / variance);
@@ -148,14 +150,14 @@ static void take_in(const struct distance *one, const bs_person *person, const t
 }
 
 void mounts_step(const bs_person *person, double interval, mounts *own, tracked *seen) {
-    if (!any_worn(person)) return;
+    if (!any_positional(person)) return;
     own->due += interval;
     if (own->due >= EVERY) {
         for (int i = 0; i < BELIEFS; ++i)
             if (own->covariance[i][i] > 0) own->covariance[i][i] += SLIP * SLIP * own->due;
         for (size_t d = 0; d < sizeof DISTANCE / sizeof *DISTANCE; ++d) {
             const struct distance *one = &DISTANCE[d];
-            if (!is_placed(&person->mount[one->start]) && !is_placed(&person->mount[one->end])) continue;
+            if (!is_positional(&person->mount[one->start]) && !is_positional(&person->mount[one->end])) continue;
             if (one->without >= 0 && seen->has_position[one->without]) continue;
             if (seen->has_position[one->start] && seen->has_rotation[one->start] && seen->has_position[one->end] &&
                 seen->has_rotation[one->end])
@@ -164,13 +166,14 @@ void mounts_step(const bs_person *person, double interval, mounts *own, tracked 
         own->due = 0.0;
     }
     double share = 1.0 - exp2(-interval / HALF_LIFE);
-    for (int w = 0; w < WORN; ++w) {
-        double *shown = own->correction[w];
-        for (int c = 0; c < 3; ++c) shown[c] += share * (own->mean[3 * w + c] - shown[c]);
+    for (int w = 0; w < REFINED_JOINTS; ++w) {
+        double *correction = own->correction[w];
+        for (int c = 0; c < 3; ++c) correction[c] += share * (own->mean[3 * w + c] - correction[c]);
         int j = JOINT[w];
         if (seen->has_position[j] && seen->has_rotation[j])
             seen->position[j] = add(seen->position[j],
-                                    rotate(seen->rotation[j], vec((float)shown[0], (float)shown[1], (float)shown[2])));
+                                    rotate(seen->rotation[j],
+                                           vec((float)correction[0], (float)correction[1], (float)correction[2])));
     }
 }
 
@@ -191,8 +194,8 @@ void mounts_update(const bs_person *before, const bs_person *after, mounts *own)
 }
 
 void mounts_person(const mounts *own, bs_person *person) {
-    for (int w = 0; w < WORN; ++w) {
+    for (int w = 0; w < REFINED_JOINTS; ++w) {
         bs_mount *mount = &person->mount[JOINT[w]];
-        for (int c = 0; c < 3 && is_placed(mount); ++c) mount->translation[c] -= own->mean[3 * w + c];
+        for (int c = 0; c < 3 && is_positional(mount); ++c) mount->translation[c] -= own->mean[3 * w + c];
     }
 }

@@ -1,16 +1,16 @@
-/* How trackers are worn, refined while the wearer moves. */
+/* Mountings of trackers, refined while the wearer moves. */
 #ifndef BODYSENSE_MOUNTS_H
 #define BODYSENSE_MOUNTS_H
 
 #include "internal.h"
 
-#define WORN 7       /* joints whose trackers are refined */
+#define REFINED_JOINTS 7 /* joints whose trackers are refined */
 #define LIMB_BONES 3 /* thigh, shin and forearm, of both sides */
-#define BELIEFS (3 * WORN + LIMB_BONES)
+#define BELIEFS (3 * REFINED_JOINTS + LIMB_BONES)
 
 typedef struct mounts {
     double due;                          /* s since distances were last taken in */
-    double correction[WORN][3];          /* m, in use: from a joint as its mount has it, in the joint's axes */
+    double correction[REFINED_JOINTS][3]; /* m, in use: from the mount's joint, in the joint's axes */
     double mean[BELIEFS];                /* m, corrections as believed, then lengths of bones */
     double covariance[BELIEFS][BELIEFS]; /* m² */
 } mounts;

@@ -1,4 +1,4 @@
-/* The body's network: asked of what is tracked and of its mirror image, and averaged. */
+/* The body's network: evaluated on the tracked points and on their mirror image; the outputs are averaged. */
 #include "network.h"
 
 #include <string.h>
@@ -13,13 +13,13 @@
 #define HEAD_HEIGHT 1.5F       /* m: where the head of the reference stature is expected */
 
 size_t network_memory(const bs_model *model) {
-    return sizeof(remembered) / sizeof(float) +
+    return sizeof(input_memory) / sizeof(float) +
            2 * ((size_t)model->layers * (size_t)model->hidden + (size_t)model->hand_hidden);
 }
 
 void network_start(const bs_model *model, float *memory) {
     memset(memory, 0, network_memory(model) * sizeof *memory);
-    ((remembered *)(void *)memory)->cosine = 1.0F;
+    ((input_memory *)(void *)memory)->cosine = 1.0F;
 }
 
 /* Scratch of the body's network. */
@@ -84,15 +84,15 @@ static void predict(const bs_model *m, const reading *read, head_frame frame, co
                             0.5F * (head[2] + image_head[2]));
     out->head = add(frame.origin, scale(from_frame(frame, raised), read->size));
     for (int k = 0; k < BS_CONTACTS; k++) out->contact[k] = logistic(0.5F * (judged[k] + image_judged[k ^ 1]));
-    for (int k = 0; k < PLACED_POINTS; k++) {
-        const int joint = PLACED[k] < BODY_JOINTS;
-        const int partner = joint ? PARTNER[k] : k == PLACED_POINTS - 3 ? k : 2 * PLACED_POINTS - 3 - k; /* toes */
+    for (int k = 0; k < BODY_POINTS; k++) {
+        const int joint = BODY_POINT[k] < BODY_JOINTS;
+        const int partner = joint ? PARTNER[k] : k == BODY_POINTS - 3 ? k : 2 * BODY_POINTS - 3 - k; /* toes */
         const float raw = 0.5F * (judged[BS_CONTACTS + k] + image_judged[BS_CONTACTS + partner]);
         out->error[k] = (softplus(raw + ERROR_BIAS) + SMALLEST_ERROR) * read->size;
     }
 }
 
-static void remember(const tracked *seen, const reading *read, remembered *to) {
+static void remember(const tracked *seen, const reading *read, input_memory *to) {
     static const signed char JOINT[SPINNING] = {HEAD, LEFT_WRIST, RIGHT_WRIST};
     for (int k = 0; k < READ_POINTS; k++) {
         to->place[k] = read->place[k];
@@ -111,7 +111,7 @@ static void predict_together(const bs_model *m, int people, const tracked *seen,
     const size_t hidden = (size_t)m->hidden, size = (size_t)m->layers * hidden;
     body_scratch b = scratch_of(m, &s, people);
     for (int p = 0; p < people; p++) {
-        const remembered *last = (const remembered *)(const void *)memory[p];
+        const input_memory *last = (const input_memory *)(const void *)memory[p];
         frame[p] = find_frame(&seen[p], last);
         b.read[p] = read_person(&seen[p], last);
         for (int image = 0; image < 2; image++)
@@ -130,7 +130,7 @@ static void predict_together(const bs_model *m, int people, const tracked *seen,
     run_branch(m, &m->turn, columns, b.state_in, b.features_in, b.turned, b.work);
     run_branch(m, &m->judge, columns, b.state_in, b.features_in, b.judged, b.work);
     for (int p = 0; p < people; p++) {
-        remembered *own = (remembered *)(void *)memory[p];
+        input_memory *own = (input_memory *)(void *)memory[p];
         predict(m, &b.read[p], frame[p], b.turned + 2 * p * grouped(TURNED),
                 b.judged + 2 * p * grouped(JUDGED), &out[p]);
         own->cosine = frame[p].cosine, own->sine = frame[p].sine;

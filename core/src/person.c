@@ -36,7 +36,7 @@
 #define CONTRADICTED 2.0       /* s after which a known height that is too low counts no more */
 
 #define UNKNOWN_LEG 0.06       /* m: deviations of a leg's bones together are more if nothing is known */
-#define SETTLING 3.0           /* s after which a body does not shrink any more */
+#define SHRINK_TIME 3.0        /* s after which a body does not shrink any more */
 #define SHRINKING (-1.0)       /* in place of the stature that a body may not fall far below: it may */
 #define MOST_SHRINKING 0.015   /* m */
 #define MOVES 0.2              /* m/s, of the head */
@@ -44,7 +44,7 @@
 #define MOVING_GROWTH 0.1      /* m/s, of others, and toward a height that is known */
 #define SOLE 0.05      /* m: a skeleton's lowest points are above the sole */
 
-/* A length that tells of proportions: which quantile of it is taken, and how it then differs from the rest pose. */
+/* A length that depends on proportions: the quantile that is used, and its difference from the rest pose. */
 static const struct evidence {
     signed char start, end;
     float quantile, deviation, slack; /* m */
@@ -113,7 +113,7 @@ static bool is_unknown(const bs_person *person) {
 
 void proportions_start(const bs_person *person, proportions *own) {
     memset(own, 0, sizeof *own);
-    memcpy(own->shown, person->rest_offset, sizeof own->shown);
+    memcpy(own->current, person->rest_offset, sizeof own->current);
     memcpy(own->believed, person->rest_offset, sizeof own->believed);
     memcpy(own->deviation, person->deviation, sizeof own->deviation);
     own->head[0] = NAN;
@@ -267,10 +267,10 @@ static void look_at_head(const bs_person *person, const tracked *seen, proportio
     vec3 at = seen->position[HEAD];
     double share = fmin(own->since / LAG, 1.0);
     double world[3] = {seen->base[0] + (double)at.x, seen->base[1] + (double)at.y, seen->base[2] + (double)at.z};
-    double moved[3], total, height = (double)(at.y - seen->floor);
+    double velocity[3], total, height = (double)(at.y - seen->floor);
     if (!seen->has_position[HEAD]) return;
-    for (int c = 0; c < 3; ++c) moved[c] = (world[c] - own->head[c]) / own->since;
-    own->speed = sqrt(moved[0] * moved[0] + moved[1] * moved[1] + moved[2] * moved[2]);
+    for (int c = 0; c < 3; ++c) velocity[c] = (world[c] - own->head[c]) / own->since;
+    own->speed = sqrt(velocity[0] * velocity[0] + velocity[1] * velocity[1] + velocity[2] * velocity[2]);
     bool first = !isfinite(own->speed);
     for (int c = 0; c < 3; ++c) {
         own->been[c] = first ? world[c] : own->been[c] + share * (world[c] - own->been[c]);
@@ -288,12 +288,12 @@ static void look_at_head(const bs_person *person, const tracked *seen, proportio
 /* Move the body in use toward the believed one: slowly, so that a still wearer does not visibly grow, or quickly to a
  * known height. */
 static void approach(const bs_person *person, double interval, proportions *own) {
-    double now = rest_height(own->shown, HEAD_TOP), goal = rest_height(own->believed, HEAD_TOP);
+    double now = rest_height(own->current, HEAD_TOP), goal = rest_height(own->believed, HEAD_TOP);
     double most = interval * (own->speed > MOVES || knows_height(person, own) ? MOVING_GROWTH : STILL_GROWTH);
     double share = 1.0 - exp2(-interval / QUICK);
     if (share * fabs(goal - now) > most) share = most / fabs(goal - now);
     for (int p = 0; p < BS_POINTS; ++p)
-        for (int c = 0; c < 3; ++c) own->shown[p][c] += share * (own->believed[p][c] - own->shown[p][c]);
+        for (int c = 0; c < 3; ++c) own->current[p][c] += share * (own->believed[p][c] - own->current[p][c]);
 }
 
 void proportions_step(const bs_model *model, const bs_person *person, const tracked *seen, double interval,
@@ -311,12 +311,12 @@ void proportions_step(const bs_model *model, const bs_person *person, const trac
             own->due = 0.0;
         }
         /* An unknown body starts as the first frame suggests, because it was not output yet. */
-        if (first && is_unknown(person)) memcpy(own->shown, own->believed, sizeof own->shown);
+        if (first && is_unknown(person)) memcpy(own->current, own->believed, sizeof own->current);
     }
     approach(person, interval, own);
-    double stature = rest_height(own->shown, HEAD_TOP);
+    double stature = rest_height(own->current, HEAD_TOP);
     bool arrived = stature < rest_height(own->believed, HEAD_TOP) + MOST_SHRINKING;
-    if (own->elapsed >= SETTLING && (own->tallest >= 0 || arrived)) own->tallest = fmax(own->tallest, stature);
+    if (own->elapsed >= SHRINK_TIME && (own->tallest >= 0 || arrived)) own->tallest = fmax(own->tallest, stature);
 }
 
 void proportions_update(const bs_model *model, const bs_person *before, const bs_person *person, proportions *own) {
@@ -325,7 +325,7 @@ void proportions_update(const bs_model *model, const bs_person *before, const bs
         own->contradicting = own->tallest = 0.0;
     }
     if (is_known(person)) {
-        memcpy(own->shown, person->rest_offset, sizeof own->shown);
+        memcpy(own->current, person->rest_offset, sizeof own->current);
         memcpy(own->believed, person->rest_offset, sizeof own->believed);
         memcpy(own->deviation, person->deviation, sizeof own->deviation);
     } else {

@@ -8,7 +8,7 @@
 #define BINS 480    /* of 5 mm: lengths up to 2.4 m */
 
 typedef struct proportions {
-    double shown[BS_POINTS][3];    /* m, rest offsets in use */
+    double current[BS_POINTS][3];  /* m, rest offsets in use */
     double believed[BS_POINTS][3]; /* m, toward which those in use move */
     double deviation[BS_POINTS];   /* m, standard deviation of each bone's length */
     double since;                  /* s since lengths were last looked at */

@@ -11,7 +11,7 @@
 #include "fit.h"
 #include "kinematics.h"
 #include "legs.h"
-#include "settle.h"
+#include "offset_decay.h"
 #include "tracked.h"
 #include "trunk.h"
 
@@ -73,8 +73,8 @@ void pose_read(const bs_settings *settings, pose_state *s, tracked *t) {
     find_knuckles(t);
     imply_rotations(t);
     place_head(t, s->begun ? s->point : NULL);
-    for (int k = 0; k < PLACED_POINTS && settings->ease == 0; k++)
-        t->at_once |= s->begun && t->has_position[PLACED[k]] && !s->had_position[PLACED[k]];
+    for (int k = 0; k < BODY_POINTS && settings->ease == 0; k++)
+        t->at_once |= s->begun && t->has_position[BODY_POINT[k]] && !s->had_position[BODY_POINT[k]];
 }
 
 void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pose_state *s, body *out) {
@@ -82,7 +82,7 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
     mat3 goal[BODY_JOINTS];
     float interval = t->interval;
     fit_prediction(t, s, p);
-    settle(t, s, p);
+    decay_offsets(t, s, p);
     find_changes(t, s, changed);
     rotation_goals(t, p, goal);
     for (int j = 0; j < BODY_JOINTS; j++) {
@@ -97,8 +97,8 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
     /* The body hangs on its head, or on its pelvis, or on what is seen. */
     place(out, t, p->head);
     for (int q = 0; q < BS_POINTS; q++)
-        if (t->has_position[q]) s->placed = 1;
-    vec3 head = add(p->head, s->placed ? placement(out, t, p) : onto_floor(out, t));
+        if (t->has_position[q]) s->has_measured_position = 1;
+    vec3 head = add(p->head, s->has_measured_position ? placement(out, t, p) : onto_floor(out, t));
     bool head_breaks = begun && (t->has_position[HEAD] != (s->had_position[HEAD] != 0) ||
                                  (!t->has_position[HEAD] && (changed[TRUNK] || changed[LEFT_ARM] || changed[RIGHT_ARM])));
     head = eased(&s->head, head, s->point[HEAD], s->head_speed, interval, head_breaks,

@@ -32,12 +32,12 @@ typedef struct foot_state {
     float drop;     /* m: how far the foot is lowered onto the floor; below 0: raised */
 } foot_state;
 
-/* Remainder of a change of the prediction at one joint, after sensors came or went. */
-typedef struct settling {
+/* Decaying offset that hides a jump of the predicted rotation of one joint. */
+typedef struct offset_decay {
     vec3 off, speed; /* rad, rad/s, world */
     mat3 predicted;  /* world ← joint, in the frame before */
     vec3 spin;       /* rad/s, world */
-} settling;
+} offset_decay;
 
 /* How a predicted joint is turned toward what is measured. */
 typedef struct fitting {
@@ -47,15 +47,15 @@ typedef struct fitting {
 
 typedef struct pose_state {
     uint8_t begun;
-    uint8_t placed;                /* a position was measured since motion started */
+    uint8_t has_measured_position; /* a position was measured since motion started */
     uint8_t had_position[BS_POINTS];
     uint8_t had_rotation[BODY_JOINTS];
     vec3 point[BS_POINTS];         /* m, from base, as output */
     mat3 rotation[BODY_JOINTS];    /* world ← joint, as output */
     vec3 spin[BODY_JOINTS];        /* rad/s, world */
     fitting fitting[BODY_JOINTS];
-    settling settling[BODY_JOINTS];
-    uint8_t unsettled;             /* in the frame before, a sensor that decides about the whole body came or went */
+    offset_decay offset_decay[BODY_JOINTS];
+    uint8_t sensors_changed;       /* in the frame before, a sensor that decides about the whole body came or went */
     ease turn[BODY_JOINTS];        /* rad, world */
     ease head, pelvis;             /* m, world */
     vec3 head_speed;               /* m/s */

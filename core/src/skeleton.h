@@ -3,7 +3,7 @@
 #define BODYSENSE_SKELETON_H
 
 #define BODY_JOINTS 22   /* the joints of the body, without the hands */
-#define PLACED_POINTS 25 /* the joints of the body, head top and both toe tips */
+#define BODY_POINTS 25 /* the joints of the body, head top and both toe tips */
 #define KNUCKLES 4       /* of a hand, between palm and fingers; the thumb has none */
 #define HAND_JOINTS 15   /* of one hand */
 #define HAND_POINTS 20   /* of one hand: its joints, then its finger tips */
@@ -32,8 +32,8 @@ static const signed char PARTNER[BS_POINTS] = {
     60, 59, 62, 61, 64, 63
 };
 
-/* The point of each placed point. */
-static const signed char PLACED[PLACED_POINTS] = {
+/* Points whose position the network predicts, in its order. */
+static const signed char BODY_POINT[BODY_POINTS] = {
     PELVIS, LEFT_HIP, RIGHT_HIP, SPINE1, LEFT_KNEE, RIGHT_KNEE, SPINE2, LEFT_ANKLE, RIGHT_ANKLE, SPINE3, LEFT_FOOT,
     RIGHT_FOOT, NECK, LEFT_COLLAR, RIGHT_COLLAR, HEAD, LEFT_SHOULDER, RIGHT_SHOULDER, LEFT_ELBOW, RIGHT_ELBOW,
     LEFT_WRIST, RIGHT_WRIST, HEAD_TOP, LEFT_TOE, RIGHT_TOE

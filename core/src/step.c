@@ -135,7 +135,7 @@ static void gather(const bs_observation *observation, int t, const bs_state *sta
 /* Everything of a frame that comes before the network. */
 static void prepare(const bs_model *model, const bs_settings *settings, const bs_observation *observation, int t,
                     double interval, bool fresh, bs_state *state, tracked *seen) {
-    if (fresh) { /* after a gap nothing that moved is remembered; who the person is stays known */
+    if (fresh) { /* after a gap forget the motion, but keep the person */
         choose_base(observation, t, settings->floor, state->base);
         network_start(model, state_memory(state));
         pose_start(&state->pose);
@@ -151,7 +151,7 @@ static void prepare(const bs_model *model, const bs_settings *settings, const bs
     }
     const proportions *own = &state->proportions;
     for (int p = 0; p < BS_POINTS; ++p) {
-        seen->rest_offset[p] = vec((float)own->shown[p][0], (float)own->shown[p][1], (float)own->shown[p][2]);
+        seen->rest_offset[p] = vec((float)own->current[p][0], (float)own->current[p][1], (float)own->current[p][2]);
         seen->deviation[p] = (float)own->deviation[p];
     }
     pose_read(settings, &state->pose, seen);
@@ -170,7 +170,7 @@ static void write(const bs_estimate *estimate, int t, const tracked *seen, const
         if (estimate->measured) estimate->measured[i] = seen->has_position[p];
         if (estimate->confidence) estimate->confidence[i] = (double)confidence[p];
         if (estimate->bound) estimate->bound[i] = (double)bound[p];
-        if (estimate->rest_offset) memcpy(estimate->rest_offset + 3 * i, own->shown[p], sizeof own->shown[p]);
+        if (estimate->rest_offset) memcpy(estimate->rest_offset + 3 * i, own->current[p], sizeof own->current[p]);
     }
     for (int j = 0; j < BS_JOINTS && estimate->rotation; ++j) {
         mat3 local = j == PELVIS ? body->rotation[j] : product(transpose(body->rotation[PARENT[j]]), body->rotation[j]);

@@ -3,13 +3,13 @@
  *
  *     NAME(x)                  names of this instruction set
  *     TARGET                   attribute of functions that use it
- *     LANES                    rows in a register
+ *     SIMD_WIDTH               rows in a register
  *     MOST_GROUPS              groups whose sums fit the registers
- *     SUMS, FLOATS, WEIGHTS, INPUTS   types: LANES sums, LANES floats, LANES pairs of weights, a pair of inputs
+ *     SUMS, FLOATS, WEIGHTS, INPUTS   types: vectors of sums, floats and pairs of weights; a pair of inputs
  *     NO_SUMS(), NO_FLOATS(), LOAD_WEIGHTS(p), LOAD_INPUTS(p), DOT(sums, weights, inputs), TO_FLOATS(sums),
  *     SPREAD(float), MUL(floats, floats), PLUS(floats, floats), LOAD_FLOATS(p), STORE_FLOATS(p, floats)
  */
-#define REGISTERS (GROUP / LANES)
+#define REGISTERS (GROUP / SIMD_WIDTH)
 #define COLUMNS 2
 
 TARGET static inline __attribute__((always_inline)) void NAME(tile)(const matrix *m, int group, int groups,
@@ -37,7 +37,7 @@ TARGET static inline __attribute__((always_inline)) void NAME(tile)(const matrix
             UNROLL for (int g = 0; g < groups; g++) {
                 UNROLL for (int r = 0; r < REGISTERS; r++) {
                     const WEIGHTS w =
-                        LOAD_WEIGHTS(weight + ((size_t)g * pairs + pair) * 2 * GROUP + (size_t)r * 2 * LANES);
+                        LOAD_WEIGHTS(weight + ((size_t)g * pairs + pair) * 2 * GROUP + (size_t)r * 2 * SIMD_WIDTH);
                     UNROLL for (int c = 0; c < COLUMNS; c++) sum[g][r][c] = DOT(sum[g][r][c], w, input[c]);
                 }
             }
@@ -53,7 +53,7 @@ TARGET static inline __attribute__((always_inline)) void NAME(tile)(const matrix
     }
     UNROLL for (int g = 0; g < groups; g++) {
         UNROLL for (int r = 0; r < REGISTERS; r++) {
-            const size_t row = (size_t)(group + g) * GROUP + (size_t)r * LANES;
+            const size_t row = (size_t)(group + g) * GROUP + (size_t)r * SIMD_WIDTH;
             const FLOATS row_step = LOAD_FLOATS(m->step + row);
             UNROLL for (int c = 0; c < COLUMNS; c++) {
                 float *at = y + (size_t)c * stride + row;
@@ -89,19 +89,19 @@ TARGET static void NAME(table)(const table *t, int columns, const float *x, size
             float *to_a = y + first * stride + group * GROUP, *to_b = y + second * stride + group * GROUP;
             FLOATS sum_a[REGISTERS], sum_b[REGISTERS];
             UNROLL for (int r = 0; r < REGISTERS; r++) {
-                sum_a[r] = LOAD_FLOATS(to_a + r * LANES);
-                sum_b[r] = LOAD_FLOATS(to_b + r * LANES);
+                sum_a[r] = LOAD_FLOATS(to_a + r * SIMD_WIDTH);
+                sum_b[r] = LOAD_FLOATS(to_b + r * SIMD_WIDTH);
             }
             for (int k = 0; k < t->inputs; k++, weight += GROUP) {
                 UNROLL for (int r = 0; r < REGISTERS; r++) {
-                    const FLOATS w = LOAD_FLOATS(weight + r * LANES);
+                    const FLOATS w = LOAD_FLOATS(weight + r * SIMD_WIDTH);
                     sum_a[r] = PLUS(sum_a[r], MUL(w, SPREAD(a[k])));
                     sum_b[r] = PLUS(sum_b[r], MUL(w, SPREAD(b[k])));
                 }
             }
             UNROLL for (int r = 0; r < REGISTERS; r++) {
-                STORE_FLOATS(to_a + r * LANES, sum_a[r]);
-                STORE_FLOATS(to_b + r * LANES, sum_b[r]);
+                STORE_FLOATS(to_a + r * SIMD_WIDTH, sum_a[r]);
+                STORE_FLOATS(to_b + r * SIMD_WIDTH, sum_b[r]);
             }
         }
     }
@@ -118,7 +118,7 @@ TARGET static void NAME(gates)(const float *given, const float *kept, const floa
 #undef REGISTERS
 #undef NAME
 #undef TARGET
-#undef LANES
+#undef SIMD_WIDTH
 #undef MOST_GROUPS
 #undef COLUMNS
 #undef SUMS

@@ -73,7 +73,7 @@ void imply_rotations(tracked *t) {
         mat3 rest = frame_of(sub(at_rest(t, b->joint, b->first_end), at_rest(t, b->joint, b->first_begin)),
                              sub(at_rest(t, b->joint, b->second_end), at_rest(t, b->joint, b->second_begin)));
         mat3 now = frame_of(first, second);
-        /* Points in one place or in one line tell no rotation. */
+        /* Points in one place or on one line determine no rotation. */
         if (dot(now.z, now.z) < 0.5F || dot(rest.z, rest.z) < 0.5F) {
             t->implied[b->joint] = false;
             continue;
@@ -84,13 +84,13 @@ void imply_rotations(tracked *t) {
 
 void place_head(tracked *t, const vec3 *before) {
     if (t->has_position[HEAD]) return;
-    vec3 moved = vec(0, 0, 0);
+    vec3 displacement = vec(0, 0, 0);
     int count = 0;
     for (int p = 0; p < BS_POINTS; p++) {
         if (!t->has_position[p]) continue;
-        moved = add(moved, before ? sub(t->position[p], before[p]) : t->position[p]);
+        displacement = add(displacement, before ? sub(t->position[p], before[p]) : t->position[p]);
         count++;
     }
-    if (count > 0) moved = scale(moved, 1.0F / (float)count);
-    t->position[HEAD] = before ? add(before[HEAD], moved) : moved;
+    if (count > 0) displacement = scale(displacement, 1.0F / (float)count);
+    t->position[HEAD] = before ? add(before[HEAD], displacement) : displacement;
 }

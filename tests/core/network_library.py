@@ -14,7 +14,7 @@ import numpy as np
 SOURCES = Path(__file__).parents[2] / "core" / "src"
 PARTS = ("model", "matrix", "tracked", "kinematics", "features", "layers", "network", "fingers", "errors")
 FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fno-math-errno")
-PLACED, JOINTS, HAND_POINTS = 25, 22, 40
+BODY_POINTS, JOINTS, HAND_POINTS = 25, 22, 40
 
 _FRAME = [("origin", "<f4", 3), ("turn", "<f4", 2)]
 TRACKED = np.dtype(
@@ -46,7 +46,7 @@ PREDICTION = np.dtype(
         ("rotation", "<f4", (22, 3, 3)),
         ("head", "<f4", 3),
         ("contact", "<f4", 4),
-        ("error", "<f4", PLACED),
+        ("error", "<f4", BODY_POINTS),
         ("unlike", "<f4", JOINTS),
     ],
     align=True,

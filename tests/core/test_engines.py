@@ -139,9 +139,9 @@ def test_the_example_in_c(installed: Path, recording: Path, completed: np.ndarra
 @pytest.mark.slow
 def test_the_example_names_what_is_wrong(installed: Path, recording: Path) -> None:
     poses = installed / "build" / "poses"
-    for arguments, said in (((recording, recording), "safetensors"), ((WEIGHTS,), "usage")):
+    for arguments, message in (((recording, recording), "safetensors"), ((WEIGHTS,), "usage")):
         done = subprocess.run([poses, *arguments], capture_output=True, text=True, check=False)
-        assert done.returncode and said in done.stderr
+        assert done.returncode and message in done.stderr
 
 
 @pytest.mark.slow
@@ -154,10 +154,10 @@ def test_a_program_with_the_installed_library(installed: Path, recording: Path, 
         for word in line.split()
     ]
     if shutil.which("pkg-config"):
-        said = ran(
+        output = ran(
             "pkg-config", "--cflags", "--libs", "bodysense", PKG_CONFIG_PATH=str(installed / "lib" / "pkgconfig")
         )
-        assert said.split() == flags
+        assert output.split() == flags
     program = installed / "linked"
     ran("cc", "-std=c11", CORE / "examples" / "poses.c", *flags, "-lm", "-o", program)
     found = ran(program, WEIGHTS, recording, str(HEIGHT), LD_LIBRARY_PATH=str(installed / "lib"))

@@ -46,7 +46,7 @@ def results() -> list[str]:
 
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> dict[str, list[int]]:
-    """What the C compiler says: offset and size of every member, size of every struct, value of every name."""
+    """Offset and size of each member, size of each struct and value of each name, from the C compiler."""
     lines = []
     for struct in STRUCTS:
         lines.append(f'printf("{struct} 0 %zu\\n", sizeof({struct}));')

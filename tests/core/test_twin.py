@@ -16,15 +16,15 @@ from .twin.vectors import STRAIGHT, Tie
 
 DISTANCE, ANGLE = 1e-4, 0.01  # m, degrees
 FINGER_ANGLE = 0.05  # degrees: fingers are predicted from the turn of the wrist, rounded to 16 bits
-REMEMBERED = 140  # numbers of a memory before those of the recurrent layers
+MEMORY_HEADER = 140  # numbers of a memory before those of the recurrent layers
 
 
 def hidden_of(state: TrackerState, twin: Twin) -> tuple[list[np.ndarray], np.ndarray]:
     """Return the memory of the core's recurrent layers, in the twin's form."""
     body, hands = twin.memory.hidden, twin.memory.hands
-    floats = REMEMBERED + sum(layer.size for layer in body) + hands.size
+    floats = MEMORY_HEADER + sum(layer.size for layer in body) + hands.size
     memory = state.memory[0].tobytes()[-(-floats * 4 // 64) * -64 :]  # at the end, in whole lines of the cache
-    values = np.frombuffer(memory, np.float32)[REMEMBERED:floats].astype(float)
+    values = np.frombuffer(memory, np.float32)[MEMORY_HEADER:floats].astype(float)
     of_body, of_hands = np.split(values, [sum(layer.size for layer in body)])
     layers = of_body.reshape(2, len(body), -1).transpose(1, 2, 0)
     return list(layers), of_hands.reshape(2, -1).T

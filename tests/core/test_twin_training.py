@@ -20,7 +20,7 @@ from .twin.cases import DEVICES, Case, cases, observation_of, person_of
 from .twin.fingers import hand_features, place_hand
 from .twin.layers import branch_of, recurrent_of, rounded, tables
 from .twin.network import Memory, first_memory
-from .twin.points import HAND_JOINTS, HAND_POINTS, HEAD, PLACED, WRISTS
+from .twin.points import BODY_POINTS, HAND_JOINTS, HAND_POINTS, HEAD, WRISTS
 from .twin.step import WEIGHTS
 from .twin.tracked import Tracked, choose_base, find_knuckles, gather, imply_rotations
 from .twin.trunk import Body, empty_body, place
@@ -91,8 +91,8 @@ def signal_of(frames: list[Frame]) -> TrackedSignal:
     return TrackedSignal(
         **{name: tensor(values)[None] for name, values in whole.items()},
         before=before,
-        rest_offset=tensor(seen[0].rest_offset[PLACED])[None],
-        certainty=tensor(seen[0].deviation[PLACED])[None],
+        rest_offset=tensor(seen[0].rest_offset[BODY_POINTS])[None],
+        certainty=tensor(seen[0].deviation[BODY_POINTS])[None],
         size=tensor([features.stature(seen[0].rest_offset)]),
     )
 

@@ -116,8 +116,8 @@ def test_the_webcam_is_offered_only_with_its_files(
     (models / "pose_landmarker_full.task").unlink()
     new = ["page", "--out", str(tmp_path / "new"), "--webcam"]
     assert main([*new, "--landmarkers", str(models)]) == 2
-    said = f"bodysense: --landmarkers {models}: there is no pose_landmarker_full.task; see docs/video.md"
-    assert capsys.readouterr().err.startswith(said)
+    message = f"bodysense: --landmarkers {models}: there is no pose_landmarker_full.task; see docs/video.md"
+    assert capsys.readouterr().err.startswith(message)
     assert main(["page", "--out", str(tmp_path / "new"), "--landmarkers", str(models)]) == 2
     assert capsys.readouterr().err.endswith("is for the webcam; give --webcam, too\n")
     monkeypatch.setattr("urllib.request.urlopen", no_network)
@@ -151,7 +151,7 @@ def test_the_readme_opens_with_the_pages_film() -> None:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    """Of a built page, by name; unpacked, for versions of zlib pack differently."""
+    """Return contents of a page's files by name, unpacked because versions of zlib pack differently."""
     read = {path.name: path.read_bytes() for path in folder.iterdir()}
     return {name: gzip.decompress(content) if name.endswith(".gz") else content for name, content in read.items()}
 

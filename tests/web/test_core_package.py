@@ -40,7 +40,7 @@ ARRAYS = ("rootPosition", "confidence", "bound", "contact", "restOffset")  # of 
 # m and degrees between bodies of the package and of the library; 0.02 degrees move the end of a spine bone by 25 µm
 FARTHEST, MOST_TURNED = 1e-4, 0.02
 _LOWER_LEFT, _LOWER_RIGHT = ("left_hip", "left_knee"), ("right_knee", "right_ankle")
-_WORN = RigidTransform(np.array([0.02, -0.05, 0.03]), np.array([0.5, 0.5, 0.5, 0.5]))
+_MOUNT = RigidTransform(np.array([0.02, -0.05, 0.03]), np.array([0.5, 0.5, 0.5, 0.5]))
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ CASES = {
     "nothing known": Case("three_point"),
     "height": Case("headset_camera", Person(height=1.83), TrackerSettings(floor=0.25, hold_feet=False)),
     "lengths": Case("head", Person(lengths={_LOWER_LEFT: Measured(0.41, 0.01), _LOWER_RIGHT: Measured(0.4, 0.02)})),
-    "mounts": Case("six_point", Person(height=Measured(1.7, 0.03), mounts={"left_ankle": _WORN})),
+    "mounts": Case("six_point", Person(height=Measured(1.7, 0.03), mounts={"left_ankle": _MOUNT})),
     "sensors": Case("three_point_imu_feet", Person(performance_of_unseen_body().pose.skeleton)),
 }
 
@@ -181,17 +181,17 @@ def test_the_package_completes_the_bodies_of_the_library(project: Path, tmp_path
 
 @pytest.mark.slow
 def test_what_is_refused_is_named(project: Path) -> None:
-    said = json.loads(run_in(project, "node", "node.mjs", "--refusals"))
-    names = said["unknown"].removeprefix('unknown point "hat"; give one of ').split(", ")
+    facts = json.loads(run_in(project, "node", "node.mjs", "--refusals"))
+    names = facts["unknown"].removeprefix('unknown point "hat"; give one of ').split(", ")
     assert len(names) == 65 and {"head", "left_toe"} <= set(names)
     value = (
         "frame: a tracked value is not finite, a position beyond 1 km, an accuracy not above 0, or a quaternion not of "
         "length 1; clear its mask, or give metres"
     )
-    assert said == {
+    assert facts == {
         "damaged": "weights: the weights are truncated or not a safetensors file; copy the file again",
         "time": "frame: time is not finite or does not increase; give frames in order of time, in seconds",
-        "unknown": said["unknown"],
+        "unknown": facts["unknown"],
         "position": value,
         "accuracy": value,
         "rotation": value,
@@ -234,9 +234,9 @@ def test_the_package_runs_in_a_browser(scenario: Scenario, project: Path, tmp_pa
 
 @pytest.mark.slow
 def test_the_package_has_a_body_for_webxr(project: Path) -> None:
-    said = json.loads(run_in(project, "node", "webxr.mjs"))
-    assert said["refused"] == "this browser has no WebXR; open the page by https in a headset's browser"
-    joints = {name: np.array(place) for name, place in said["joints"].items()}
+    facts = json.loads(run_in(project, "node", "webxr.mjs"))
+    assert facts["refused"] == "this browser has no WebXR; open the page by https in a headset's browser"
+    joints = {name: np.array(place) for name, place in facts["joints"].items()}
     assert len(joints) == 83 and all(np.isfinite(place).all() for place in joints.values())
     assert np.linalg.norm(joints["head"] - (0, 1.6, 0)) < 0.15
     assert joints["hips"][1] > 0.7 and 0 < joints["left-foot-ankle"][1] < 0.4

@@ -27,7 +27,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def heard(scenario: Callable[..., dict[str, Any]], site: Path, waving_clip: Clip, folder: Path) -> dict[str, Any]:
-    """What the page around the frame heard while a person used it."""
+    """Messages that the embedding page received during use."""
     listing = re.search(r"^```html\n(.*?)^```", DOCS.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
     assert listing is not None
     (folder / "around.html").write_text(listing[1], encoding="utf-8")
@@ -55,7 +55,7 @@ def test_play_pause_and_seek_in_any_order(heard: dict[str, Any], waving_clip: Cl
 
 
 def test_other_windows_and_origins_are_not_heard(heard: dict[str, Any]) -> None:
-    assert heard["byAnother"] == 0 and heard["stranger"] == []
+    assert heard["byAnother"] == 0 and heard["uninvited"] == []
 
 
 def test_the_newest_motion_counts_and_faults_are_one_line(heard: dict[str, Any]) -> None:

@@ -24,7 +24,7 @@ def performance() -> dict[str, np.ndarray]:
 
 
 def fortran(path: Path) -> None:
-    """As AMASS has it: columns first, and arrays beside the motion that a page has no use for."""
+    """Write a motion as AMASS does: in Fortran order, with arrays that the page ignores."""
     motion = performance()
     np.savez_compressed(
         path,
@@ -65,11 +65,11 @@ def made(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactor
 def test_motion_of_amass_in_fortrans_order_with_more_arrays_is_taken(made: dict[str, Any]) -> None:
     assert made["fortran.npz"]["notice"] is None
     assert made["fortran.npz"]["source"] == "fortran.npz"
-    assert "from the truth" in made["fortran.npz"]["shown"]
+    assert "from the truth" in made["fortran.npz"]["summary"]
 
 
-def test_an_avatar_that_draco_packed_is_worn(made: dict[str, Any]) -> None:
-    assert made["packed.vrm"]["worn"] == "packed.vrm" and made["packed.vrm"]["notice"] is None
+def test_an_avatar_compressed_with_draco_is_displayed(made: dict[str, Any]) -> None:
+    assert made["packed.vrm"]["avatar"] == "packed.vrm" and made["packed.vrm"]["notice"] is None
 
 
 @pytest.mark.parametrize("name", ["texts.npz", "zeros.npz", "line.jsonl"])

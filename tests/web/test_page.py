@@ -46,7 +46,7 @@ Record = Callable[[str, object], None]
 def test_a_visit_fetches_little(used: Used, record_property: Record) -> None:
     record_property("visit_mb", used[1]["sent"] / 1e6)
     assert 4e6 < used[1]["sent"] <= 5e6  # bytes, by the page and by its service worker, of a host that packs nothing
-    assert "3 points tracked" in used[1]["shown"]
+    assert "3 points tracked" in used[1]["summary"]
 
 
 def test_a_person_moves_soon(scenario: Scenario, site: Path, tmp_path: Path) -> None:
@@ -62,9 +62,9 @@ def test_axe_finds_no_serious_fault(used: Used) -> None:
     assert used[1]["faults"] == []
 
 
-def test_heights_that_nobody_has_are_said_and_the_timeline_stays(used: Used) -> None:
-    for height, said in zip(("0.2", "9"), used[1]["heights"], strict=True):
-        assert said == f"A height of {height} m is not a person's; give 1 to 2.3 m."
+def test_impossible_heights_are_refused_and_the_timeline_stays(used: Used) -> None:
+    for height, notice in zip(("0.2", "9"), used[1]["heights"], strict=True):
+        assert notice == f"A height of {height} m is not a person's; give 1 to 2.3 m."
     assert used[1]["timelineKept"]
 
 
@@ -73,7 +73,7 @@ def test_space_ticks_a_box_and_stops_the_motion_elsewhere(used: Used) -> None:
     assert used[1]["spaceOnStage"] == "paused"
 
 
-def test_what_cannot_be_used_is_said_in_one_line(used: Used) -> None:
+def test_unusable_files_are_reported_in_one_line(used: Used) -> None:
     for name in ("song", "film", "broken", "dog", "hound", "headset"):
         assert used[1][name] and "\n" not in used[1][name]
 
@@ -91,7 +91,7 @@ def test_a_motion_that_is_dropped_is_completed(used: Used) -> None:
     assert error is not None and float(error.group(1)) < 25
 
 
-def test_an_avatar_that_is_dropped_is_worn_beside_the_pages_own(used: Used) -> None:
+def test_a_dropped_avatar_joins_the_pages_own(used: Used) -> None:
     assert used[1]["avatars"] == ["The page's own", "other.vrm"]
 
 
@@ -111,13 +111,13 @@ def test_the_saved_gltf_is_an_armature(used: Used) -> None:
 
 
 def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    said = scenario("headset", site, tmp_path)
-    assert "as soon as your head is tracked" in said["before"]
-    assert said["controllers"]["notice"] == "You are measured."
-    assert "43 points" in said["hands"]["shown"]  # the head, two wrists, and 20 points a hand
-    assert re.match(r"The headset is off\. Your take of [\d.]+ s is kept", said["after"])
-    assert said["refused"].startswith("The headset did not let this page in") and said["take"] == said["stillThere"]
-    assert said["room"] == {"isOffered": True, "blend": "alpha-blend"}
+    facts = scenario("headset", site, tmp_path)
+    assert "as soon as your head is tracked" in facts["before"]
+    assert facts["controllers"]["notice"] == "You are measured."
+    assert "43 points" in facts["hands"]["summary"]  # the head, two wrists, and 20 points a hand
+    assert re.match(r"The headset is off\. Your take of [\d.]+ s is kept", facts["after"])
+    assert facts["refused"].startswith("The headset did not let this page in") and facts["take"] == facts["stillThere"]
+    assert facts["room"] == {"isOffered": True, "blend": "alpha-blend"}
     take = read_bvh(tmp_path / "take.bvh")
     assert len(take) > 2
     position, rotation = map(np.asarray, forward_kinematics(take.pose))
@@ -128,9 +128,9 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
 
 
 def test_vr_can_be_entered_again_and_again(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    said = scenario("again", site, tmp_path)
-    assert said["worn"] == [True, True, True]
-    assert said["isOver"]
+    facts = scenario("again", site, tmp_path)
+    assert facts["entries"] == [True, True, True]
+    assert facts["isOver"]
 
 
 def test_a_headset_is_followed_at_its_own_rate_without_growth(scenario: Scenario, site: Path) -> None:
@@ -139,7 +139,7 @@ def test_a_headset_is_followed_at_its_own_rate_without_growth(scenario: Scenario
     assert facts["p50"] < 10  # ms
     assert facts["page"]["p50"] < 10  # ms of a frame on the page's own thread: it waits for no step
     assert facts["growth"]["process"] < 0.05  # the timeline is filling up
-    assert "3 points tracked" in facts["shown"]
+    assert "3 points tracked" in facts["summary"]
 
 
 Kept = tuple[Path, dict[str, Any]]
@@ -152,25 +152,25 @@ def kept(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactor
 
 
 def test_a_take_is_there_after_a_reload(kept: Kept) -> None:
-    folder, said = kept
-    seconds = [float(re.findall(r"Take 1: ([\d.]+) s", said[when])[0]) for when in ("before", "after")]
+    folder, facts = kept
+    seconds = [float(re.findall(r"Take 1: ([\d.]+) s", facts[when])[0]) for when in ("before", "after")]
     assert seconds[0] == seconds[1] > 0.5
     clip = read_bvh(folder / "take.bvh")
     # The file's last frame comes a frame sooner at most, and the page says tenths.
     assert abs((len(clip) - 1) / clip.frame_rate - seconds[0]) < 1 / clip.frame_rate + 0.05
-    assert said["full"] == (
+    assert facts["full"] == (
         "This browser's storage is full: your take is kept until you leave the page; save it as a file."
     )
-    assert said["still"] == "Take 1.bvh"
+    assert facts["still"] == "Take 1.bvh"
 
 
 def test_takes_have_names_and_are_cut_and_deleted(kept: Kept) -> None:
-    folder, said = kept
-    assert said["names"] == ["Take 1", "Take 2"]
-    assert said["named"] == "Walk.bvh" and said["cut"].startswith("Walk: ")
+    folder, facts = kept
+    assert facts["names"] == ["Take 1", "Take 2"]
+    assert facts["named"] == "Walk.bvh" and facts["cut"].startswith("Walk: ")
     whole, part = (read_bvh(folder / name) for name in ("take.bvh", "take.bvh.part.bvh"))
     assert abs(len(part) - len(whole) / 2) <= 3
-    assert said["kept"] == {"take": said["cut"], "count": 1}  # over a reload
+    assert facts["kept"] == {"take": facts["cut"], "count": 1}  # over a reload
 
 
 def test_a_body_goes_by_a_bridge_to_an_avatar(scenario: Scenario, site: Path) -> None:
@@ -179,18 +179,18 @@ def test_a_body_goes_by_a_bridge_to_an_avatar(scenario: Scenario, site: Path) ->
         avatar.settimeout(1)
         out = f"127.0.0.1:{avatar.getsockname()[1]}"
         with served("--bridge", "--vmc-out", out, found=r"ws://\S+") as address:
-            said = scenario("bridge", site, address)
+            facts = scenario("bridge", site, address)
         packets = [avatar.recv(2000) for _ in range(10)]
     assert any(b"/VMC/Ext/Bone/Pos" in packet for packet in packets)
-    assert said["before"]["address"] == address
-    assert said["sending"]["hint"].startswith("Your body is sent there, live. Others watch it at http://")
-    assert said["sending"]["button"] == "Stop sending"
-    assert said["watched"] == "Another wearer"
-    assert said["after"] == {"hint": said["before"]["hint"], "button": "Send"}
-    assert said["wrong"].startswith("“not an address” is no address of a bridge")
-    assert said["token"]["notice"].startswith("Something answers there, but not to this token: paste the address")
-    assert said["token"]["button"] == "Send"
-    assert said["gone"] == "No bridge answers there; it is asked again and again."
+    assert facts["before"]["address"] == address
+    assert facts["sending"]["hint"].startswith("Your body is sent there, live. Others watch it at http://")
+    assert facts["sending"]["button"] == "Stop sending"
+    assert facts["watched"] == "Another wearer"
+    assert facts["after"] == {"hint": facts["before"]["hint"], "button": "Send"}
+    assert facts["wrong"].startswith("“not an address” is no address of a bridge")
+    assert facts["token"]["notice"].startswith("Something answers there, but not to this token: paste the address")
+    assert facts["token"]["button"] == "Send"
+    assert facts["gone"] == "No bridge answers there; the page keeps trying."
 
 
 @contextlib.contextmanager
@@ -220,32 +220,32 @@ def address(waving_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Iter
 def test_a_servers_replay_is_watched_and_parts_are_switched_off(
     scenario: Scenario, address: str, tmp_path: Path
 ) -> None:
-    said = scenario("watch", address, tmp_path / "watch.png")
-    assert said["before"]["source"] == "The server's own input"
+    facts = scenario("watch", address, tmp_path / "watch.png")
+    assert facts["before"]["source"] == "The server's own input"
     errors = [
         float(found.group(1))
-        for shown in (said["before"]["shown"], said["headOnly"])
-        if (found := re.search(r"([\d.]+) cm from the truth", shown))
+        for summary in (facts["before"]["summary"], facts["headOnly"])
+        if (found := re.search(r"([\d.]+) cm from the truth", summary))
     ]
     assert len(errors) == 2 and errors[1] > errors[0]
-    assert not said["notice"]
+    assert not facts["notice"]
 
 
-def test_what_a_server_does_wrong_is_said_in_one_line(scenario: Scenario, site: Path) -> None:
-    said = scenario("refusals", site)["said"]
+def test_errors_of_a_server_are_reported_in_one_line(scenario: Scenario, site: Path) -> None:
+    facts = scenario("refusals", site)["notices"]
     reason = "messages of version 1; this server speaks version 2: load its page again, or use its client"
-    assert said["refused"] == {"text": reason, "canRetry": True}
+    assert facts["refused"] == {"text": reason, "canRetry": True}
     for case in ("nonsense", "cut"):
-        assert said[case]["text"].startswith("The server sent what this page does not understand")
-    assert "is `bodysense serve` running" in said["gone"]["text"]
-    assert not said["gone"]["canRetry"]  # the page tries by itself
+        assert facts[case]["text"].startswith("The server sent what this page does not understand")
+    assert "is `bodysense serve` running" in facts["gone"]["text"]
+    assert not facts["gone"]["canRetry"]  # the page tries by itself
 
 
 def test_a_line_that_breaks_is_taken_up_again(scenario: Scenario, site: Path) -> None:
     facts = scenario("resume", site)
-    asked = [hello["resume"] for hello in facts["hellos"] if hello["watch"] == "replay"]
-    assert len(asked) == 3 and asked[0] is None
-    assert asked[1] == asked[2] == {"session": "s1", "token": "t1"}
+    resumed = [hello["resume"] for hello in facts["hellos"] if hello["watch"] == "replay"]
+    assert len(resumed) == 3 and resumed[0] is None
+    assert resumed[1] == resumed[2] == {"session": "s1", "token": "t1"}
     assert facts["source"] == "The server's own input"
 
 
@@ -266,7 +266,7 @@ def test_a_notice_is_never_over_the_headline(behind_a_server: dict[str, Any]) ->
 
 
 def test_a_server_measures_recentres_and_raises_its_wearer(behind_a_server: dict[str, Any]) -> None:
-    assert behind_a_server["asked"] == [
+    assert behind_a_server["requests"] == [
         {"type": "calibrate", "arms_out": True},
         {"type": "recentre"},
         {"type": "settings", "posture": "seated"},

@@ -51,9 +51,9 @@ def test_a_message_on_a_phone_does_not_cover_the_body(checked: dict[str, Any]) -
     assert len(checked["covered"]) == 2 and max(checked["covered"]) <= 0  # pixels
 
 
-def test_doors_are_reached_by_keyboard_and_focus_is_seen(checked: dict[str, Any]) -> None:
+def test_sources_are_reached_by_keyboard_and_focus_is_visible(checked: dict[str, Any]) -> None:
     reached = [name for name, _ in checked["keyboard"]]
-    assert reached[0] == "skip" and {"door-headset", "door-file"} <= set(reached)
+    assert reached[0] == "skip" and {"open-headset", "open-file"} <= set(reached)
     assert all(is_seen for _, is_seen in checked["keyboard"])
 
 
@@ -62,9 +62,9 @@ def test_a_second_visit_fetches_nothing(checked: dict[str, Any]) -> None:
 
 
 def test_whatever_goes_wrong_is_one_sentence(scenario: Scenario, site: Path) -> None:
-    said = scenario("faults", site)["said"]
-    assert len(said) == 14
-    for text in said.values():
+    notices = scenario("faults", site)["notices"]
+    assert len(notices) == 14
+    for text in notices.values():
         assert "\n" not in text and 20 < len(text) < 200 and text.endswith(".")
 
 

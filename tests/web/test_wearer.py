@@ -1,4 +1,4 @@
-"""A wearer of an emulated headset: measured, asked, kept, sitting and standing up."""
+"""A wearer of an emulated headset: measured, remembered, sitting and standing up."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from bodysense.io.bvh import read_bvh
 pytestmark = pytest.mark.slow
 
 Scenario = Callable[..., dict[str, Any]]
-Worn = tuple[Path, dict[str, Any]]
+Visit = tuple[Path, dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
-def worn(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactory) -> Worn:
+def visit(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactory) -> Visit:
     folder = tmp_path_factory.mktemp("wearer")
     return folder, scenario("wearer", site, folder)
 
@@ -38,41 +38,41 @@ def body_of(path: Path) -> tuple[float, np.ndarray]:
     return skeleton.height, lower(clip.pose) - standing
 
 
-def test_a_tall_wearer_stands_on_the_floor_from_the_first_frame(worn: Worn) -> None:
-    height, ankles = body_of(worn[0] / "tall.bvh")
+def test_a_tall_wearer_stands_on_the_floor_from_the_first_frame(visit: Visit) -> None:
+    height, ankles = body_of(visit[0] / "tall.bvh")
     assert height > 1.8
     assert ankles[0] < 0.14
 
 
-def test_a_crouch_is_not_believed(worn: Worn) -> None:
-    assert worn[1]["crouch"].startswith("Your head is only 1.18 m high: stand upright and measure again.")
+def test_a_crouch_is_not_believed(visit: Visit) -> None:
+    assert visit[1]["crouch"].startswith("Your head is only 1.18 m high: stand upright and measure again.")
 
 
-def test_measuring_counts_down(worn: Worn) -> None:
-    assert worn[1]["countdown"] == ["3", "2", "1"]
+def test_measuring_counts_down(visit: Visit) -> None:
+    assert visit[1]["countdown"] == ["3", "2", "1"]
 
 
-def test_a_measured_wearer_stays_measured_over_sources_and_visits(worn: Worn) -> None:
-    said = worn[1]
-    assert said["measured"] == "You are measured."
-    assert said["hint"].startswith("You are measured: head 1.66 m high, arms 1.4")
-    assert said["kept"] == said["hint"]
-    assert abs(body_of(worn[0] / "measured.bvh")[0] - 1.81) < 0.04  # eyes at 1.70 m
+def test_a_measured_wearer_stays_measured_over_sources_and_visits(visit: Visit) -> None:
+    facts = visit[1]
+    assert facts["measured"] == "You are measured."
+    assert facts["hint"].startswith("You are measured: head 1.66 m high, arms 1.4")
+    assert facts["kept"] == facts["hint"]
+    assert abs(body_of(visit[0] / "measured.bvh")[0] - 1.81) < 0.04  # eyes at 1.70 m
 
 
-def test_a_wearer_can_be_forgotten(worn: Worn) -> None:
-    hint, is_offered = worn[1]["forgotten"]
+def test_a_wearer_can_be_forgotten(visit: Visit) -> None:
+    hint, is_offered = visit[1]["forgotten"]
     assert hint.strip().startswith("Stand upright") and not is_offered
 
 
-def test_taller_begins_at_the_height_of_the_body(worn: Worn) -> None:
-    assert abs(float(worn[1]["taller"]) - 1.82) < 0.04
+def test_taller_begins_at_the_height_of_the_body(visit: Visit) -> None:
+    assert abs(float(visit[1]["taller"]) - 1.82) < 0.04
 
 
-def test_sitting_counts_before_vr_and_the_box_follows_the_menu(worn: Worn) -> None:
-    assert worn[1]["seatedBox"] == [True, False, True]
-    assert body_of(worn[0] / "seated.bvh")[1][-1] < 0.06  # eyes at 1.18 m: without it the knees would be bent
+def test_sitting_counts_before_vr_and_the_box_follows_the_menu(visit: Visit) -> None:
+    assert visit[1]["seatedBox"] == [True, False, True]
+    assert body_of(visit[0] / "seated.bvh")[1][-1] < 0.06  # eyes at 1.18 m: without it the knees would be bent
 
 
-def test_who_stands_up_from_sitting_does_not_fly(worn: Worn) -> None:
-    assert body_of(worn[0] / "risen.bvh")[1].max() < 0.08
+def test_a_wearer_who_stands_up_stays_on_the_floor(visit: Visit) -> None:
+    assert body_of(visit[0] / "risen.bvh")[1].max() < 0.08

@@ -84,9 +84,9 @@ def watched(scenario: Scenario, with_webcam: Path, tmp_path_factory: pytest.Temp
 
 
 def test_a_webcam_sees_a_person(watched: Watched) -> None:
-    said = watched[1]
-    assert int(said["points"]) >= 8
-    assert said["nobody"].startswith("Nobody is seen yet")
+    facts = watched[1]
+    assert int(facts["points"]) >= 8
+    assert facts["nobody"].startswith("Nobody is seen yet")
 
 
 def test_a_webcams_body_stands_on_the_floor(watched: Watched) -> None:
@@ -99,10 +99,10 @@ def test_a_webcams_body_stands_on_the_floor(watched: Watched) -> None:
 def test_a_webcams_picture_is_seen_beside_the_body_and_what_it_waits_for(watched: Watched) -> None:
     small = watched[1]["small"]
     assert small["isShown"] and small["colours"] > 100
-    assert [line for line in small["said"] if line.startswith("Loading")] and small["said"][-1].startswith(
+    assert [line for line in small["notices"] if line.startswith("Loading")] and small["notices"][-1].startswith(
         "You are seen"
     )
-    assert small["said"].count("The browser asks for the webcam …") == 1  # a second press does nothing
+    assert small["notices"].count("The browser asks for the webcam …") == 1  # a second press does nothing
     assert watched[1]["isGone"]
 
 

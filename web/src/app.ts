@@ -1,4 +1,4 @@
-/** The page: sources, the engine and the person meet here. */
+/** The page's application: connects sources, engine, settings and panels. */
 
 import type { SensorSet } from "./body/clip";
 import type { Observation } from "./body/observation";
@@ -43,16 +43,16 @@ const FILE_GUIDE =
 const NO_INPUT =
   "This server has no input of its own: what you see is the page's performance. Start the server with --replay, --vmc-in or --vmt.";
 const FACTS_EVERY = 150; // ms
-const LONGEST_STEP = 0.1; // s that the timeline goes on by from one picture to the next
+const LONGEST_STEP = 0.1; // s, longest advance of the timeline between two pictures
 
 export class App {
   private settings: Settings = loadSettings(() => localStorage);
   private source: Source | null = null;
-  private awaited: Watching | null = null; // a server whose first body is not there yet
+  private awaited: Watching | null = null; // a server whose first body has not arrived yet
   private readonly welcome = element("lead").textContent;
   private readonly first = new FirstPicture(() => this.afterFirst());
-  private shownAt = 0; // ms
-  private toldAt = 0; // ms
+  private drawnAt = 0; // ms
+  private factsAt = 0; // ms
   private enteredAt = 0; // ms since 1970: when the headset was put on
   private readonly playback = new Playback();
   private readonly measuring = new Measuring((text) => this.say(text));
@@ -80,7 +80,7 @@ export class App {
       engine,
       skeleton,
       (reason) => this.notice.fault(reason),
-      (time, moved) => this.bridge.send(time, moved),
+      (time, frame) => this.bridge.send(time, frame),
     );
     this.bridge = new BridgePanel(skeleton, (error) => this.fault(error));
     this.live.holdFeet = this.settings.holdFeet;
@@ -101,11 +101,11 @@ export class App {
       (set) => this.simulate(set),
       (hidden) => {
         this.live.hidden = hidden;
-        this.tellServer({ hidden: [...hidden] });
+        this.updateServer({ hidden: [...hidden] });
       },
     );
     this.you = new YouPanel(this.settings, {
-      height: (height) => this.attempt(async () => this.tellHeight(height)),
+      height: (height) => this.attempt(async () => this.setHeight(height)),
       measure: () => this.attempt(async () => this.measure()),
       forget: () => this.know({ measured: null }),
       recentre: () => this.recentre(),
@@ -113,7 +113,7 @@ export class App {
       holdFeet: (holdFeet) => {
         this.change({ holdFeet });
         this.live.hold(holdFeet);
-        this.tellServer({ hold_feet: holdFeet });
+        this.updateServer({ hold_feet: holdFeet });
       },
     });
     this.headset = new Headset(view, this.live, this.menu, {
@@ -121,7 +121,7 @@ export class App {
         this.attempt(async () => this.tracked(frame));
         this.live.track(frame, null);
       },
-      left: (wasAsked) => this.afterHeadset(wasAsked),
+      left: (wasRequested) => this.afterHeadset(wasRequested),
     });
     this.bind();
     engine.opened.catch((error: unknown) => {
@@ -146,20 +146,20 @@ export class App {
     };
     bindPanels(["takes", "settings"]);
     onFile((file) => this.attempt(() => this.open(file)));
-    this.offer("door-performance", () => {
+    this.offer("open-performance", () => {
       this.notice.clear();
       return this.perform();
     });
-    button("door-server").hidden = !this.files.about.server;
-    this.offer("door-server", () => this.watchServer());
-    this.offer("door-headset", () => this.enterHeadset("immersive-vr"));
-    this.offer("door-room", () => this.enterHeadset("immersive-ar"));
+    button("open-server").hidden = !this.files.about.server;
+    this.offer("open-server", () => this.watchServer());
+    this.offer("open-headset", () => this.enterHeadset("immersive-vr"));
+    this.offer("open-room", () => this.enterHeadset("immersive-ar"));
     void navigator.xr?.isSessionSupported("immersive-ar").then(
-      (isThere) => (button("door-room").hidden = !isThere),
+      (isThere) => (button("open-room").hidden = !isThere),
       () => undefined, // a browser that forbids to ask
     );
-    button("door-webcam").hidden = !this.files.about.webcam;
-    this.offer("door-webcam", () => this.watchWebcam());
+    button("open-webcam").hidden = !this.files.about.webcam;
+    this.offer("open-webcam", () => this.watchWebcam());
     onKeys({
       " ": () => this.playback.toggle(),
       ArrowLeft: () => this.timeline.step(-1),
@@ -172,11 +172,11 @@ export class App {
 
   /** A button that opens a source; presses while it is being opened do nothing. */
   private offer(id: string, open: () => Promise<void>): void {
-    const door = button(id);
-    door.onclick = () => {
-      if (door.ariaBusy === "true") return;
-      door.ariaBusy = "true";
-      this.attempt(() => open().finally(() => (door.ariaBusy = "false")));
+    const control = button(id);
+    control.onclick = () => {
+      if (control.ariaBusy === "true") return;
+      control.ariaBusy = "true";
+      this.attempt(() => open().finally(() => (control.ariaBusy = "false")));
     };
   }
 
@@ -191,24 +191,24 @@ export class App {
         if (this.awaited === source) this.begin(source); // else the connection broke in between
       },
       empty: () => {
-        if (isAsked) this.say(NO_INPUT);
+        if (isWatching) this.say(NO_INPUT);
         else element("lead").textContent = `${NO_INPUT} Or try it yourself:`;
       },
       connected: () => this.notice.clear(),
-      said: (text: string) => this.say(text),
+      notified: (text: string) => this.say(text),
       lost: (reason: string, again: boolean) => this.notice.fault(reason, again ? () => source.first.open() : null),
     };
-    const isAsked = this.source !== null;
-    if (!isAsked)
-      await this.perform(); // until somebody comes
-    else this.say("The server is asked for its input …");
+    const isWatching = this.source !== null;
+    if (!isWatching)
+      await this.perform(); // until a wearer arrives
+    else this.say("Connecting to the server’s input …");
     this.awaited?.stop();
     const source = new Watching(this.base, this.live.history, this.view.stage, events, followedBy(location.hash));
     this.awaited = source;
   }
 
   private async enterHeadset(mode: Immersion): Promise<void> {
-    if (this.headset.isWorn) return;
+    if (this.headset.isActive) return;
     const missing = await missingForHeadset();
     if (missing) throw new Error(missing);
     await this.headset.enter(mode);
@@ -238,26 +238,26 @@ export class App {
     this.takes.leave();
     if (this.awaited !== source) this.awaited?.stop();
     this.awaited = null;
-    if (this.source !== source) this.source?.stop?.(); // a headset that is worn again is the same source
+    if (this.source !== source) this.source?.stop?.(); // a headset that is put on again is the same source
     this.source = source;
     this.live.begin(this.personOf(source));
     this.measuring.forget();
-    this.bodies.clear(); // until the first body is there
+    this.bodies.clear(); // until the first body arrives
     this.playback.goLive();
     element("lead").textContent = source.guide ?? this.welcome;
     this.sensors.offer(source.sensors, source instanceof ClipSource);
-    button("door-performance").hidden = source instanceof ClipSource && source.clip === this.files.performance;
+    button("open-performance").hidden = source instanceof ClipSource && source.clip === this.files.performance;
     this.view.reset();
   }
 
-  /** The skeleton of what is shown. */
+  /** The skeleton of the displayed body. */
   private get tree(): Skeleton {
     return (this.source instanceof Watching ? this.source.first.skeleton : null) ?? this.files.skeleton;
   }
 
   /** Change settings of the server's session, if one is watched. */
-  private tellServer(change: Partial<SessionSettings>): void {
-    if (this.source instanceof Watching) this.source.first.tell(change);
+  private updateServer(change: Partial<SessionSettings>): void {
+    if (this.source instanceof Watching) this.source.first.updateSettings(change);
   }
 
   private simulate(sensors: SensorSet): void {
@@ -272,16 +272,16 @@ export class App {
     return personFrom(this.settings.height, isYou ? this.settings.measured : null);
   }
 
-  private tellHeight(height: number | null): void {
+  private setHeight(height: number | null): void {
     personOf(height); // refuses a height that no person has
     this.know({ height });
-    this.tellServer({ height });
+    this.updateServer({ height });
   }
 
-  /** More, or less, is known of the user. */
+  /** Change the known measurements of the user. */
   private know(known: Partial<Pick<Settings, "height" | "measured">>): void {
     this.change(known);
-    if (this.source) this.live.tell(this.personOf(this.source));
+    if (this.source) this.live.setPerson(this.personOf(this.source));
     this.you.show(this.settings);
   }
 
@@ -290,7 +290,7 @@ export class App {
       this.say(
         this.source.first.ask({ type: "calibrate", arms_out: true })
           ? "Stand upright, arms out to the sides, and hold still: the server measures."
-          : "You watch another wearer, whom only their own page measures.",
+          : "You watch another wearer. Only their own page can measure them.",
       );
     else if (this.headset.isSeated)
       throw new Error("You are marked as sitting: switch that off, stand up, and measure.");
@@ -306,7 +306,7 @@ export class App {
   }
 
   private sit(isSeated: boolean): void {
-    this.tellServer({ posture: isSeated ? "seated" : "standing" });
+    this.updateServer({ posture: isSeated ? "seated" : "standing" });
     this.headset.sit(isSeated);
     this.you.showSeated(isSeated);
   }
@@ -320,7 +320,7 @@ export class App {
   }
 
   private menuItems(): MenuItem[] {
-    const taller = (by: number): void => this.attempt(async () => this.tellHeight(this.tallerBy(by)));
+    const taller = (by: number): void => this.attempt(async () => this.setHeight(this.tallerBy(by)));
     const known = (height: number | null): string => (height === null ? "measured" : `${height.toFixed(2)} m`);
     const isRecording = (): boolean => this.takes.takes.isRecording;
     return [
@@ -335,8 +335,8 @@ export class App {
       },
       {
         text: () => "Mirror",
-        isOn: () => this.headset.isMirrorShown,
-        press: () => this.headset.showMirror(!this.headset.isMirrorShown),
+        isOn: () => this.headset.isMirrorVisible,
+        press: () => this.headset.showMirror(!this.headset.isMirrorVisible),
       },
       { text: () => `Look · ${this.lookName ?? "figure"}`, press: () => this.showNext() },
       {
@@ -348,7 +348,7 @@ export class App {
     ];
   }
 
-  /** The height of the body that is shown, or the one that is set, and `metres` more. */
+  /** The height of the displayed body, or else the set height, plus `metres` more. */
   private tallerBy(metres: number): number {
     const height = Math.round(100 * ((this.settings.height ?? restHeight(this.live.tree)) + metres)) / 100;
     return Math.min(Math.max(height, HEIGHTS.least), HEIGHTS.most);
@@ -376,9 +376,9 @@ export class App {
     }
   }
 
-  /** The avatar that is shown; null: the figure. */
+  /** The displayed avatar; null: the figure. */
   private get lookName(): string | null {
-    return this.settings.figure === "avatar" ? this.bodies.wardrobe.wornName : null;
+    return this.settings.figure === "avatar" ? this.bodies.wardrobe.currentName : null;
   }
 
   /** One avatar after the other, then the figure. */
@@ -396,14 +396,14 @@ export class App {
     workOffline(this.files.about, this.base);
   }
 
-  private afterHeadset(wasAsked: boolean): void {
+  private afterHeadset(wasRequested: boolean): void {
     const { takes } = this.takes;
     takes.end();
     const take = takes.all.find(({ id }) => id >= this.enteredAt);
     const kept = take ? ` Your take of ${partOf(take)[1].toFixed(1)} s is kept: it is under Takes.` : "";
     if (take) this.playback.seek(take.frames[0].time);
     this.playback.playing = true;
-    if (wasAsked) this.say(`You are back.${kept}`);
+    if (wasRequested) this.say(`You are back.${kept}`);
     else this.notice.fault(`The headset is off.${kept}`);
   }
 
@@ -429,29 +429,29 @@ export class App {
     button("theme").setAttribute("aria-label", `Theme: ${theme}; change it`);
   }
 
-  /** Whatever goes wrong is said in one line. */
+  /** Report an error in one line. */
   private attempt(what: () => Promise<void>): void {
     void what().catch((error: unknown) => this.fault(error));
   }
 
   private draw(milliseconds: number, frame: XRFrame | undefined): void {
-    const passed = (milliseconds - this.shownAt) / 1000;
+    const passed = (milliseconds - this.drawnAt) / 1000;
     const seconds = Math.min(passed, LONGEST_STEP);
-    this.shownAt = milliseconds;
+    this.drawnAt = milliseconds;
     this.source?.frame?.(milliseconds, frame);
     const moment = this.playback.step(this.live.history, seconds);
     if (!this.source) return;
     if (moment) {
       this.first.draw(moment);
-      // You know what you wear, and over other pictures the body is alone: ghosts are for others' devices, on the page.
+      // Ghosts show the devices of others, and only on the page: you know what you wear.
       // The first picture does not wait for them.
       const ghosts = this.settings.ghosts && !this.source.isYou && !this.view.isClear && this.first.isMoving;
-      const shown = { ...this.settings, ghosts };
-      this.bodies.show(moment, this.tree, shown, seconds);
-      if (!this.headset.isWorn) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], passed);
+      const display = { ...this.settings, ghosts };
+      this.bodies.show(moment, this.tree, display, seconds);
+      if (!this.headset.isActive) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], passed);
     }
-    if (milliseconds - this.toldAt < FACTS_EVERY) return;
-    this.toldAt = milliseconds;
+    if (milliseconds - this.factsAt < FACTS_EVERY) return;
+    this.factsAt = milliseconds;
     this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
     this.timeline.show();
     this.takes.draw();

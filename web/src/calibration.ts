@@ -1,11 +1,11 @@
-/** Calibration: two seconds upright with the arms out tell the head's height and the reach of the arms. */
+/** Calibration: measures head height and arm reach in two seconds of standing upright with the arms out. */
 
 import { distance, type Vector } from "./body/math";
 import type { Observation } from "./body/observation";
 import { isWithin, REACHES, type Measurement } from "./wearer";
 
 export const LASTS = 2; // s
-const STILL = 0.05; // m: whose head moves farther does not stand still
+const STILL = 0.05; // m: largest movement of the head of a person standing still
 const FEWEST = 3; // frames: a device that can hardly keep up is measured, too
 
 /** Measure a person standing still. Throws an Error of one line if the head moved or was not tracked. */
@@ -15,10 +15,10 @@ export function calibrated(frames: readonly Observation[]): Measurement {
   );
   if (heads.length < FEWEST) throw new Error("Your head was not tracked: put the headset on and measure again.");
   const middle = [0, 1, 2].map((k) => median(heads.map((head) => head[k]))) as unknown as Vector;
-  const moved = Math.max(...heads.map((head) => distance(head, middle)));
-  if (moved > STILL)
+  const shift = Math.max(...heads.map((head) => distance(head, middle)));
+  if (shift > STILL)
     throw new Error(
-      `Your head moved by ${(100 * moved).toFixed(0)} cm: stand still for two seconds and measure again.`,
+      `Your head moved by ${(100 * shift).toFixed(0)} cm: stand still for two seconds and measure again.`,
     );
   const spans = frames.flatMap(({ points }) => {
     const [left, right] = ["left_wrist", "right_wrist"].map(
@@ -27,7 +27,7 @@ export function calibrated(frames: readonly Observation[]): Measurement {
     return left && right ? [distance(left, right)] : [];
   });
   const reach = spans.length > 0 ? median(spans) : 0;
-  return { head: middle[1], reach: isWithin(reach, REACHES) ? reach : null }; // hanging arms tell none
+  return { head: middle[1], reach: isWithin(reach, REACHES) ? reach : null }; // hanging arms give no reach
 }
 
 function median(values: readonly number[]): number {

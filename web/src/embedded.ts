@@ -20,7 +20,7 @@ import { NOBODY } from "./wearer";
 const EARLY = 1e-3; // s: rounding of times
 const LATE = 0.5; // s after the end: a frame of the next round
 
-const SHOWN = { ...DEFAULT_SETTINGS, ghosts: false }; // the motion alone, not how it is tracked
+const DISPLAY = { ...DEFAULT_SETTINGS, ghosts: false }; // the motion alone, without devices
 
 type Played = ClipSource | RecordingSource;
 
@@ -58,7 +58,7 @@ export class EmbeddedPage {
         (command) => this.obey(command),
         (error) => this.fault(reasonOf(error)),
       );
-      embedder.tell({ bodysense: "ready" });
+      embedder.send({ bodysense: "ready" });
       if (avatar === null) this.attempt(() => addOwn(this.bodies.wardrobe, base));
       else this.load("avatar", avatar);
       if (motion !== null) this.load("motion", motion);
@@ -72,13 +72,13 @@ export class EmbeddedPage {
     const rounds = this.source?.rounds;
     switch (command.bodysense) {
       case "hello":
-        return this.embedder.tell({ bodysense: "ready" });
+        return this.embedder.send({ bodysense: "ready" });
       case "play":
         rounds?.play(command.repeat ?? true);
-        return this.tellTime();
+        return this.sendTime();
       case "pause":
         rounds?.pause();
-        return this.tellTime();
+        return this.sendTime();
       case "seek":
         return rounds?.seek(command.time);
       case "background":
@@ -100,7 +100,7 @@ export class EmbeddedPage {
       if (!isNewest()) return;
       if (opened.kind === "avatar") {
         this.bodies.wardrobe.add(file.name, opened.avatar);
-        this.embedder.tell({ bodysense: "loaded", kind: "avatar", name: file.name });
+        this.embedder.send({ bodysense: "loaded", kind: "avatar", name: file.name });
       } else if (opened.kind === "motion")
         this.begin(new ClipSource(opened.clip, this.live, "hands", file.name, undefined, this.ended));
       else this.begin(new RecordingSource(opened.frames, this.live, file.name, this.ended));
@@ -112,9 +112,9 @@ export class EmbeddedPage {
     this.endsAt = null;
     this.notice.clear();
     this.live.begin(NOBODY);
-    this.bodies.clear(); // until the first body is there
+    this.bodies.clear(); // until the first body arrives
     const kind = source instanceof ClipSource ? "motion" : "recording";
-    this.embedder.tell({ bodysense: "loaded", kind, name: source.title, seconds: source.rounds.length });
+    this.embedder.send({ bodysense: "loaded", kind, name: source.title, seconds: source.rounds.length });
   }
 
   private readonly ended = (clock: number): void => {
@@ -127,7 +127,7 @@ export class EmbeddedPage {
     this.source?.frame(milliseconds);
     const moment = this.live.history.moments.at(-1);
     if (!moment || !this.source) return;
-    this.bodies.show(moment, this.skeleton, SHOWN, seconds);
+    this.bodies.show(moment, this.skeleton, DISPLAY, seconds);
     this.view.follow(moment.rootPosition[0], moment.rootPosition[2], seconds);
     if (moment !== this.drawn) this.report(moment, this.source);
     this.drawn = moment;
@@ -142,19 +142,19 @@ export class EmbeddedPage {
       const isLast = after < LATE; // else it is the first of the next round
       events.splice(isLast ? 1 : 0, 0, { bodysense: "ended" });
     }
-    for (const event of events) this.embedder.tell(event);
+    for (const event of events) this.embedder.send(event);
   }
 
-  /** Tell that the motion goes on or stands still. */
-  private tellTime(): void {
+  /** Send the time, and whether the motion plays. */
+  private sendTime(): void {
     if (!this.source) return;
     const { time, isPlaying } = this.source.rounds;
-    this.embedder.tell({ bodysense: "time", time, playing: isPlaying });
+    this.embedder.send({ bodysense: "time", time, playing: isPlaying });
   }
 
   private fault(reason: string): void {
     this.notice.fault(reason);
-    this.embedder.tell({ bodysense: "error", reason });
+    this.embedder.send({ bodysense: "error", reason });
   }
 
   /** Do something that may fail; a failure that no longer matters is not reported. */

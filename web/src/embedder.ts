@@ -20,7 +20,7 @@ export function originOf(named: string, referrer: string): string {
   );
 }
 
-/** Check a command; null for a message of something else. Throws an Error of one line that says what is valid. */
+/** Check a command; null for an unrelated message. Throws an Error of one line that lists valid commands. */
 export function commandFrom(data: unknown): EmbedCommand | null {
   if (typeof data !== "object" || data === null || !("bodysense" in data)) return null;
   const given = data as Readonly<Record<string, unknown>>;
@@ -44,7 +44,7 @@ export function commandFrom(data: unknown): EmbedCommand | null {
 export class Embedder {
   constructor(private readonly origin: string) {}
 
-  /** Call back with the commands of the page around this one, and with what is wrong in others. */
+  /** Call back with commands of the embedding page, and with errors of invalid ones. */
   listen(heard: (command: EmbedCommand) => void, refused: (error: unknown) => void): void {
     addEventListener("message", ({ source, origin, data }: MessageEvent<unknown>) => {
       if (source !== parent || (this.origin !== ANY && origin !== this.origin)) return;
@@ -57,7 +57,7 @@ export class Embedder {
     });
   }
 
-  tell(event: EmbedEvent): void {
+  send(event: EmbedEvent): void {
     parent.postMessage(event, this.origin);
   }
 }

@@ -1,4 +1,4 @@
-/** The first picture: what it needs, and when it moves. */
+/** The first picture: the files it needs, and timing marks of it. */
 
 import type { Clip } from "./body/clip";
 import { readNpz } from "./files/npz";
@@ -26,8 +26,8 @@ export async function firstFiles(base: string): Promise<FirstFiles> {
   return { about, skeleton, performance: amassClip(arrays, "performance", skeleton) };
 }
 
-/** Marks when pictures of different moments were drawn, and then that a body was drawn which the network completed, for
- * those who measure. Calls `completed` once, after that: what it begins delays neither.
+/** Sets performance marks when pictures of different moments were drawn and when the first completed body was drawn.
+ * Calls `completed` once after that, so that work begun there delays neither.
  */
 export class FirstPicture {
   private last: Moment | null = null;

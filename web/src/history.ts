@@ -4,9 +4,9 @@ import { lastIndex } from "./body/math";
 import type { Point } from "./body/observation";
 import type { Body } from "./body/skeleton";
 
-/** How a body moved, as files have it. */
+/** A frame of a body's motion, as files store it. */
 export interface BodyFrame {
-  readonly time: number; // s, since the first; goes on where its source jumps
+  readonly time: number; // s, since the first; continuous when its source jumps
   readonly rootPosition: Float32Array; // (3) m
   readonly rotation: Float32Array; // (joints × 4) wxyz, parent ← joint
   readonly restOffset: Float32Array; // (points × 3) m, of this frame
@@ -16,7 +16,7 @@ export interface BodyFrame {
 export interface Moment extends BodyFrame {
   readonly sourceTime: number; // s, of the source's own clock
   readonly body: Body;
-  readonly signal: readonly Point[]; // what was tracked, in the body's world
+  readonly signal: readonly Point[]; // tracked points, in the body's world
   readonly truth: Body | null;
   readonly expected: Float32Array | null; // (points) m, expected position error
   readonly measured: Uint8Array | null; // (points) 0 or 1
@@ -30,7 +30,7 @@ const JUMP = 1 / 30; // s that a jump takes on the timeline
 
 export class History {
   readonly moments: Moment[] = [];
-  added: (moment: Moment) => void = () => undefined; // is told of every new one
+  added: (moment: Moment) => void = () => undefined; // called with each new moment
 
   constructor(readonly limit: number = LIMIT) {}
 

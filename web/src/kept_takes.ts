@@ -1,4 +1,4 @@
-/** Takes in this browser's storage, so that a reload loses nothing. */
+/** Storage of takes in this browser, so that they survive a reload. */
 
 import type { BodyFrame } from "./history";
 import { whyNotStored } from "./settings";
@@ -6,7 +6,7 @@ import type { Description, Take } from "./takes";
 
 const [NAME, STORE, VERSION] = ["bodysense", "takes", 2] as const;
 
-/** Stored frames, by the take's id and the time of the first. */
+/** Stored frames; the key is the take's id and the time of the first frame. */
 interface Chunk {
   readonly time: Float64Array; // s
   readonly root: Float32Array; // (frames × 3) m
@@ -15,8 +15,8 @@ interface Chunk {
 }
 
 export class KeptTakes {
-  private turn: Promise<void> = Promise.resolve(); // one after the other
-  private failing: number | null = null; // the take that could not be kept: nothing more of it is
+  private turn: Promise<void> = Promise.resolve(); // the last write; writes run one after another
+  private failing: number | null = null; // the take that could not be stored: the rest of it is not tried
 
   constructor(private readonly failed: (error: Error) => void) {}
 
@@ -39,11 +39,11 @@ export class KeptTakes {
     return [...new Set(keys.map(([id]) => id))].flatMap((id, number) => {
       const own = keys.flatMap((key, row) => (key[0] === id ? [[key, values[row]] as const] : []));
       const chunks = own.flatMap(([key, value]) => (key.length === 2 ? [value as Chunk] : []));
-      const said = own.find(([key]) => key.length === 1)?.[1] as Description | undefined; // missing: the page died
+      const described = own.find(([key]) => key.length === 1)?.[1] as Description | undefined; // missing: the page died
       const isWhole = chunks.every(({ time, rotation }) => rotation.length === 4 * joints * time.length);
       const frames = isWhole ? chunks.flatMap((chunk) => framesOf(chunk, joints)) : [];
       return frames.length > 1
-        ? [{ id, name: said?.name ?? `Take ${number + 1}`, part: said?.part ?? null, frames }]
+        ? [{ id, name: described?.name ?? `Take ${number + 1}`, part: described?.part ?? null, frames }]
         : [];
     });
   }

@@ -7,17 +7,17 @@ import { History, type BodyFrame, type Moment } from "./history";
 import { reasonOf } from "./notice";
 import type { Person } from "./wearer";
 
-const MOST_WAITING = 2; // frames in the worker: newer ones are left out rather than queued
-const COUNTED = 600; // steps that times are taken of
+const MOST_WAITING = 2; // frames in the worker: further frames are dropped, not queued
+const COUNTED = 600; // steps whose times are kept
 
 export class Live {
   readonly times: number[] = []; // ms, of the last steps
-  holdFeet = true; // standing feet stay where they are
-  hidden: ReadonlySet<string> = new Set(); // points that are not looked at
-  isReady = false; // the network is there
-  private isPreview = false; // what the timeline holds was not completed
+  holdFeet = true; // hold standing feet in place
+  hidden: ReadonlySet<string> = new Set(); // points that are ignored
+  isReady = false; // the network is loaded
+  private isPreview = false; // the timeline holds the source's own motion, not completed
   private restOffset: Float32Array | null = null; // of the newest body
-  private take = 0; // answers to frames of an earlier source are dropped
+  private take = 0; // number of the source: results of an earlier source are dropped
 
   constructor(
     private readonly engine: Engine,
@@ -31,7 +31,7 @@ export class Live {
         this.isReady = true;
         if (this.isPreview) this.history.clear();
       },
-      () => undefined, // which the page says
+      () => undefined, // the page reports it
     );
   }
 
@@ -40,27 +40,27 @@ export class Live {
     return withOffsets(this.skeleton, this.restOffset ?? this.skeleton.restOffset);
   }
 
-  /** Another source begins, perhaps of another wearer; the timeline starts anew. */
+  /** Begin another source, perhaps of another wearer, with an empty timeline. */
   begin(person: Person): void {
     this.take += 1;
     this.restOffset = null;
     this.hidden = new Set();
     this.history.clear();
     this.isPreview = false;
-    this.engine.tell({ type: "start", person, holdFeet: this.holdFeet });
+    this.engine.send({ type: "start", person, holdFeet: this.holdFeet });
   }
 
-  /** The wearer told their height, or was measured; the timeline goes on. */
-  tell(person: Person): void {
-    this.engine.tell({ type: "person", person });
+  /** Change the known measurements of the wearer; the timeline continues. */
+  setPerson(person: Person): void {
+    this.engine.send({ type: "person", person });
   }
 
   hold(holdFeet: boolean): void {
     this.holdFeet = holdFeet;
-    this.engine.tell({ type: "holdFeet", holdFeet });
+    this.engine.send({ type: "holdFeet", holdFeet });
   }
 
-  /** Take an observation, and the true body if it is known. Returns whether there was time for it. */
+  /** Complete an observation; `truth`: the true body if known. Returns false if the worker is busy. */
   track(observation: Observation, truth: Body | null): boolean {
     if (!this.isReady) {
       if (truth) this.preview(observation, truth);
@@ -76,7 +76,7 @@ export class Live {
     return true;
   }
 
-  /** Frames that were completed before; of more than the timeline holds every second, third … */
+  /** Show frames that were completed before. If the timeline cannot hold all, use every second, third, … */
   replay(frames: readonly BodyFrame[]): void {
     const step = Math.ceil(frames.length / this.history.limit);
     for (const frame of frames.filter((_, k) => k % step === 0)) {
@@ -85,13 +85,13 @@ export class Live {
     }
   }
 
-  /** The share of steps that took at most so long, ms. */
+  /** Quantile of the steps' durations, ms; `share` from 0 to 1. */
   quantile(share: number): number {
     const sorted = [...this.times].sort((a, b) => a - b);
     return sorted[Math.floor(share * (sorted.length - 1))] ?? 0;
   }
 
-  /** Until the network is there, the motion itself is shown. */
+  /** Show the motion itself until the network is loaded. */
   private preview({ time, points }: Observation, truth: Body): void {
     this.isPreview = true;
     const rotation = new Float32Array(4 * this.skeleton.joints);
@@ -109,7 +109,7 @@ export class Live {
   }
 }
 
-/** A frame that is shown unchanged: nothing completes it. */
+/** A moment that displays a frame unchanged. */
 function momentOf(frame: BodyFrame, body: Body, signal: readonly Point[]): Omit<Moment, "time" | "isJump"> {
   const { time, ...pose } = frame;
   return { ...pose, sourceTime: time, body, signal, truth: null, expected: null, measured: null, milliseconds: 0 };

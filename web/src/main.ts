@@ -13,7 +13,7 @@ let embedder: Embedder | null = null;
 
 function fault(text: string): void {
   notice.fault(text);
-  embedder?.tell({ bodysense: "error", reason: text });
+  embedder?.send({ bodysense: "error", reason: text });
 }
 
 /** Return the page around this one; null if this page is not in a frame. */

@@ -7,14 +7,14 @@ import type { Measurement } from "./wearer";
 const COUNTDOWN = 3; // s to stand up straight
 const LOWER = 0.12; // m under the highest head so far that looks like a crouch
 const HEAD_OF_REACH = 0.97; // a standing head is 1.15 times as high as arms reach from wrist to wrist, 1.0 at least
-const LOW = 1.28; // m: lower is the head of hardly any adult who stands
-const AGAIN = 0.05; // m: a second result that is as near as this is believed
+const LOW = 1.28; // m: heads of standing adults are rarely lower
+const AGAIN = 0.05; // m: a second low result this close to the first is accepted
 
 export class Measuring {
   private frames: Observation[] | null = null;
   private began: number | null = null; // s, of the headset's clock
   private highest = 0; // m: of heads so far
-  private doubted: number | null = null; // m: the head of the result that was not believed
+  private doubted: number | null = null; // m: head height of the rejected result
 
   constructor(private readonly say: (text: string) => void) {}
 
@@ -24,7 +24,7 @@ export class Measuring {
     this.began = null;
   }
 
-  /** Another wearer may have come. */
+  /** Forget the rejected result, as the wearer may have changed. */
   forget(): void {
     this.highest = 0;
     this.doubted = null;

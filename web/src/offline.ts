@@ -7,7 +7,7 @@ export interface About {
   readonly version: string;
 }
 
-/** Keep the page's files; not where a server is behind it, which has newer ones. */
+/** Keep the page's files, unless a server delivers the page: its files may be newer. */
 export function workOffline({ server }: About, base: string): void {
   if (server || !("serviceWorker" in navigator)) return;
   // Without it the page works as long as there is a network.

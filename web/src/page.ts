@@ -11,14 +11,14 @@ export const input = (id: string): HTMLInputElement => find(id, HTMLInputElement
 export const select = (id: string): HTMLSelectElement => find(id, HTMLSelectElement);
 export const element = (id: string): HTMLElement => find(id, HTMLElement);
 
-/** Show one choice of a select, and call back with what is chosen. */
+/** Show one choice of a select, and call back with the user's choice. */
 export function choice<T extends string>(id: string, value: T, chosen: (value: T) => void): void {
   const box = select(id);
   box.value = value;
   box.onchange = () => chosen(box.value as T);
 }
 
-/** Show whether a checkbox is ticked, and call back with what is chosen. */
+/** Show whether a checkbox is ticked, and call back with the user's choice. */
 export function tick(id: string, isOn: boolean, chosen: (isOn: boolean) => void): void {
   const box = input(id);
   box.checked = isOn;

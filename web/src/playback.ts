@@ -1,4 +1,4 @@
-/** Which moment of the history is shown: the newest, or one that the timeline chose. */
+/** The displayed moment of the history: the newest, or one chosen on the timeline. */
 
 import type { History, Moment } from "./history";
 
@@ -8,13 +8,13 @@ export class Playback {
   speed = 1;
   time = 0; // s, in the history
 
-  /** Advance by `seconds` of the wall's clock and return what is to be shown. */
+  /** Advance by `seconds` of real time and return the moment to display. */
   step(history: History, seconds: number): Moment | null {
     if (this.live) this.time = history.last;
     else if (this.playing) this.time += seconds * this.speed;
     if (!this.live && this.time >= history.last) {
       this.time = history.last;
-      this.live = this.playing && this.speed >= 1; // caught up with what arrives
+      this.live = this.playing && this.speed >= 1; // caught up with the source
     }
     this.time = Math.max(this.time, history.first);
     return history.moments[history.indexAt(this.time)] ?? null;
@@ -40,7 +40,7 @@ export class Playback {
     this.playing = true;
   }
 
-  /** Show the frame `count` further (back where negative), standing still. */
+  /** Pause and show the frame `count` further; negative: back. */
   stepFrames(history: History, count: number): void {
     const index = history.indexAt(this.time) + count;
     this.pause();

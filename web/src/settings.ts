@@ -2,13 +2,13 @@
 
 import { SENSOR_SETS, type SensorSet } from "./body/clip";
 import { COLOURINGS } from "./view/colours";
-import type { Shown } from "./view/bodies";
+import type { DisplaySettings } from "./view/bodies";
 import { HEIGHTS, isWithin, measurementFrom, type Measurement } from "./wearer";
 
 export const THEMES = ["auto", "light", "dark"] as const;
 export type Theme = (typeof THEMES)[number];
 
-export interface Settings extends Shown {
+export interface Settings extends DisplaySettings {
   readonly height: number | null; // m
   readonly measured: Measurement | null; // the wearer, by Measure me
   readonly sensors: SensorSet; // of the simulated headset
@@ -24,7 +24,7 @@ export const DEFAULT_SETTINGS: Settings = {
   figure: "avatar",
   colouring: "plain",
   truth: false,
-  signal: false, // marks on a face are for who asks what is tracked
+  signal: false, // off, because marks cover the face
   ghosts: true,
   theme: "auto",
 };
@@ -51,7 +51,7 @@ export function settingsFrom(text: string | null): Settings {
   };
 }
 
-/** `storage` throws where a person lets no page keep anything. */
+/** Load the settings; the defaults if `storage` throws because the browser allows no storage. */
 export function loadSettings(storage: () => Pick<Storage, "getItem">): Settings {
   try {
     return settingsFrom(storage().getItem(KEY));
@@ -60,7 +60,7 @@ export function loadSettings(storage: () => Pick<Storage, "getItem">): Settings 
   }
 }
 
-/** Throws an Error of one line where the browser's storage is full or not allowed. */
+/** Save the settings. Throws an Error of one line if the browser's storage is full or not allowed. */
 export function saveSettings(storage: () => Pick<Storage, "setItem">, settings: Settings): void {
   try {
     storage().setItem(KEY, JSON.stringify(settings));

@@ -1,4 +1,4 @@
-/** Takes: the frames between two presses, each with a name and the part of it that counts. They outlive their sources. */
+/** Takes: recorded frames, each take with a name and an optional cut. They outlive their sources. */
 
 import type { BodyFrame, History, Moment } from "./history";
 import type { KeptTakes } from "./kept_takes";
@@ -17,11 +17,11 @@ export type Description = Pick<Take, "id" | "name" | "part">;
 export type Keeper = Pick<KeptTakes, "add" | "describe" | "remove">;
 
 const NOWHERE: Keeper = { add: () => undefined, describe: () => undefined, remove: () => undefined };
-const KEPT_AT_A_TIME = 300; // frames: what a page that dies loses at most
-const GROWN = 1e-4; // m: offsets that differ by less are one
+const KEPT_AT_A_TIME = 300; // frames between two writes: a page that crashes loses no more
+const GROWN = 1e-4; // m: offsets that differ by less are treated as equal
 export const LONGEST_TAKE = 100_000; // frames: 23 minutes at 72 Hz, about 90 MB
 
-/** The part of a take that counts, s since its first frame. */
+/** The cut of a take, s since its first frame. */
 export function partOf({ frames, part }: Take): readonly [number, number] {
   return part ?? [0, frames[frames.length - 1].time - frames[0].time];
 }
@@ -31,7 +31,7 @@ export class Takes {
   chosen: Take | null = null;
   private recorded: BodyFrame[] | null = null;
   private id = 0;
-  private kept = 0; // frames of it
+  private kept = 0; // frames of the take that are stored
 
   constructor(
     private readonly history: History,
@@ -69,7 +69,7 @@ export class Takes {
     this.keeper.describe(this.chosen);
   }
 
-  /** Takes of earlier visits. */
+  /** Add takes of earlier visits. */
   restore(takes: readonly Take[]): void {
     this.all = [...takes, ...this.all];
     this.chosen ??= takes.at(-1) ?? null;
@@ -79,7 +79,7 @@ export class Takes {
     this.chosen = this.all.find((take) => take.id === id) ?? null;
   }
 
-  /** Another name or part; the frames stay. */
+  /** Change name or cut of a take. */
   describe(id: number, change: Partial<Pick<Take, "name" | "part">>): void {
     this.all = this.all.map((take) => (take.id === id ? { ...take, ...change } : take));
     this.choose(id);

@@ -3,7 +3,7 @@
 import type { Person as Known } from "@bodysense/core";
 
 export interface Person extends Known {
-  readonly head?: number; // m: height of the standing wearer's head joint, from which an unknown height follows
+  readonly head?: number; // m: height of the standing wearer's head joint; determines an unknown height
 }
 
 /** The result of measuring. */
@@ -16,13 +16,13 @@ export const NOBODY: Person = {};
 export const HEIGHTS = { least: 1.0, most: 2.3 } as const; // m
 const HEADS = { least: 0.8, most: 2.2 } as const; // m
 export const REACHES = { least: 0.9, most: 2.0 } as const; // m
-export const DEVIATION = 0.02; // m, of what is measured
+export const DEVIATION = 0.02; // m, standard deviation of measured lengths
 
 export function isWithin(value: unknown, { least, most }: { least: number; most: number }): value is number {
   return typeof value === "number" && value >= least && value <= most;
 }
 
-/** A person of a known height. Throws an Error of one line for a height that no person has. */
+/** Return a person of a known height. Throws an Error of one line if the height is impossible. */
 export function personOf(height: number | null): Person {
   if (height === null) return NOBODY;
   if (!isWithin(height, HEIGHTS)) {
@@ -31,7 +31,7 @@ export function personOf(height: number | null): Person {
   return { height };
 }
 
-/** A person for the engine. A known height counts more than the measured head. */
+/** Return the person for the engine. A known height takes precedence over the measured head. */
 export function personFrom(height: number | null, measured: Measurement | null): Person {
   const { head, reach } = measured ?? { head: null, reach: null };
   const lengths =

@@ -68,7 +68,7 @@ afterEach(() => {
 describe("the connection", () => {
   it("says hello first, and nothing else before the welcome", () => {
     const { connection, socket } = connect();
-    connection.tell({ type: "recentre" });
+    connection.send({ type: "recentre" });
     expect(connection.signal(SIGNAL)).toBe(false);
     expect(socket.protocol).toBe("bodysense.1");
     expect(socket.sent.map((text) => JSON.parse(String(text)) as unknown)).toEqual([

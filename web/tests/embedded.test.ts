@@ -37,8 +37,8 @@ describe("the clock of a motion", () => {
     rounds.advance(0);
     rounds.pause();
     let clock = rounds.clock(rounds.time);
-    for (const [asked, got] of [[4, 4] as const, [-1, 0] as const, [99, 5] as const, [2, 2] as const]) {
-      rounds.seek(asked);
+    for (const [time, got] of [[4, 4] as const, [-1, 0] as const, [99, 5] as const, [2, 2] as const]) {
+      rounds.seek(time);
       expect(times(rounds, [100, 200])).toEqual([got, null]);
       expect(rounds.clock(rounds.time)).toBeCloseTo(clock + 2, 9);
       expect(rounds.timeAt(clock)).toBeNull(); // a frame from before the jump

@@ -31,7 +31,7 @@ export interface Emulated {
   enter(features?: string[], required?: string[]): Promise<XRSession>;
   /** A layer without a picture, so that frames come. */
   layer(session: XRSession): XRWebGLLayer;
-  /** What `look` returns of an animation frame of a session, each of `count` frames. */
+  /** Return the results of `look` for `count` animation frames of a session. */
   frames<T>(session: XRSession, count: number, look: (frame: XRBodyFrame) => T): T[];
   /** Let time pass without frames. */
   wait(seconds: number): void;

@@ -10,16 +10,16 @@ const point = (name: string, x: number, rotation: Point["rotation"] = [1, 0, 0, 
   rotation,
   accuracy: 0.001,
 });
-const shown = (view: GhostView) => view.group.children.filter(({ visible }) => visible);
+const visible = (view: GhostView) => view.group.children.filter(({ visible }) => visible);
 
 describe("ghosts", () => {
   it("are where devices are, and go with what is lost", () => {
     const view = new GhostView();
     const [head, left, right, hip] = ["head", "left_wrist", "right_wrist", "pelvis"].map((name, k) => point(name, k));
     view.show([head, left, right, hip]);
-    expect(shown(view).map(({ position }) => position.x)).toEqual([0, 1, 2, 3]);
+    expect(visible(view).map(({ position }) => position.x)).toEqual([0, 1, 2, 3]);
     view.show([head, { ...left, position: null }]);
-    expect(shown(view).map(({ position }) => position.x)).toEqual([0]);
+    expect(visible(view).map(({ position }) => position.x)).toEqual([0]);
     view.show([head, left]);
     expect(view.group.children).toHaveLength(4); // the same ones again
   });
@@ -37,6 +37,6 @@ describe("ghosts", () => {
   it("are not drawn for hands and pictures, which are many points", () => {
     const view = new GhostView();
     view.show(Array.from({ length: 16 }, (_, k) => point(`left_index${k}`, k)));
-    expect(shown(view)).toEqual([]);
+    expect(visible(view)).toEqual([]);
   });
 });

@@ -116,7 +116,7 @@ describe("a person who is no VRM", () => {
     }
   });
 
-  it("is told from a motion, and needs joints of a person", () => {
+  it("is distinguished from a motion, and needs joints of a person", () => {
     const file = figure((name) => name.replace("UpLeg", "Wheel"));
     expect(isFigure({ ...file, animations: [{}] } as unknown as GLTF)).toBe(false);
     expect(() => avatarOfGlb(file, "car.glb", skeleton)).toThrow(

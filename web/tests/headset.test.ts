@@ -1,4 +1,4 @@
-/** The headset's door without a headset: frames of a fake WebXR session. */
+/** The headset source, driven by frames of a fake WebXR session. */
 
 import { Group, Scene, Vector3 } from "three";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
@@ -26,7 +26,7 @@ function poseAt([x, y, z]: Vector, [w, a, b, c]: Quaternion = [1, 0, 0, 0]) {
   };
 }
 
-async function worn() {
+async function enterHeadset() {
   const session = new FakeSession();
   const tracked: Observation[] = [];
   const left: boolean[] = [];
@@ -46,7 +46,7 @@ async function worn() {
   const live = { skeleton, tree: skeleton } as Live;
   const headset = new Headset(view as unknown as View, live, menu, {
     tracked: (observation) => tracked.push(observation),
-    left: (wasAsked) => left.push(wasAsked),
+    left: (wasRequested) => left.push(wasRequested),
   });
   await headset.enter("immersive-vr");
   const frame = (milliseconds: number, head: Vector, turn: Quaternion) =>
@@ -66,7 +66,7 @@ const headOf = ({ points }: Observation) => points.find(({ name }) => name === "
 
 describe("a headset", () => {
   it("has its wearer in the middle and facing the front from the first frame, wherever they stand", async () => {
-    const { tracked, frame } = await worn();
+    const { tracked, frame } = await enterHeadset();
     frame(1000, [2, 1.65, -3], axisAngle([0, 1, 0], 2.2));
     const head = headOf(tracked[0]);
     const [x, , z] = rotate(head?.rotation ?? [1, 0, 0, 0], [0, 0, 1]);
@@ -75,8 +75,8 @@ describe("a headset", () => {
     expect(tracked[0].points.map(({ name }) => name)).toEqual(["head", "left_wrist"]);
   });
 
-  it("is placed anew when it is recentred, and its clock leaps so that motion starts afresh", async () => {
-    const { tracked, headset, frame } = await worn();
+  it("is placed again when it is recentred, and its clock jumps to restart the motion", async () => {
+    const { tracked, headset, frame } = await enterHeadset();
     frame(1000, [0, 1.6, 0], [1, 0, 0, 0]);
     frame(1014, [1, 1.6, 0], [1, 0, 0, 0]);
     headset.recentre();
@@ -87,7 +87,7 @@ describe("a headset", () => {
   });
 
   it("raises somebody who sits to where their head stands", async () => {
-    const { tracked, headset, frame } = await worn();
+    const { tracked, headset, frame } = await enterHeadset();
     frame(1000, [0, 1.15, 0], [1, 0, 0, 0]);
     headset.sit(true);
     frame(1014, [0, 1.15, 0], [1, 0, 0, 0]);
@@ -98,8 +98,8 @@ describe("a headset", () => {
     expect(headOf(tracked[2])?.position?.[1]).toBeLessThan(1.2);
   });
 
-  it("raises somebody who said so before the first frame, and lets them stand up", async () => {
-    const { tracked, headset, frame } = await worn();
+  it("raises a wearer marked as seated before the first frame, and lets them stand up", async () => {
+    const { tracked, headset, frame } = await enterHeadset();
     headset.sit(true);
     for (const [k, height] of [1.15, 1.3, 1.5, 1.6, 1.1].entries()) frame(1000 + 14 * k, [0, height, 0], [1, 0, 0, 0]);
     const heights = tracked.map((observation) => headOf(observation)?.position?.[1] ?? 0);
@@ -109,7 +109,7 @@ describe("a headset", () => {
   });
 
   it("draws the floor under the feet of somebody who sits, while they rise and after they leave", async () => {
-    const { view, session, headset, frame } = await worn();
+    const { view, session, headset, frame } = await enterHeadset();
     headset.sit(true);
     const floor = () => view.floorAt.mock.lastCall?.[0] as number;
     for (const [k, height] of [1.15, 1.3, 1.5].entries()) {
@@ -122,26 +122,26 @@ describe("a headset", () => {
   });
 
   it("takes no hand from a transient pointer", async () => {
-    const { tracked, frame, session } = await worn();
+    const { tracked, frame, session } = await enterHeadset();
     Object.assign(session.inputSources[0] ?? {}, { targetRayMode: "transient-pointer" });
     frame(1000, [0, 1.6, 0], [1, 0, 0, 0]);
     expect(tracked[0].points.map(({ name }) => name)).toEqual(["head"]);
   });
 
-  it("gives the camera and the stage back when it goes, and tells whether it was asked to", async () => {
-    const asked = await worn();
-    asked.frame(1000, [0, 1.6, 0], [1, 0, 0, 0]);
-    expect(asked.view.stage.matrixAutoUpdate).toBe(false);
-    asked.headset.stop();
-    expect([asked.left, asked.view.stage.matrixAutoUpdate]).toEqual([[true], true]);
-    expect(asked.view.reset).toHaveBeenCalledOnce();
-    const lost = await worn();
+  it("restores camera and stage when it ends, and reports whether the user ended it", async () => {
+    const requested = await enterHeadset();
+    requested.frame(1000, [0, 1.6, 0], [1, 0, 0, 0]);
+    expect(requested.view.stage.matrixAutoUpdate).toBe(false);
+    requested.headset.stop();
+    expect([requested.left, requested.view.stage.matrixAutoUpdate]).toEqual([[true], true]);
+    expect(requested.view.reset).toHaveBeenCalledOnce();
+    const lost = await enterHeadset();
     await lost.session.end();
     expect(lost.left).toEqual([false]);
   });
 
   it("presses the item of its menu that a ray points at", async () => {
-    const { menu, pressed, frame } = await worn();
+    const { menu, pressed, frame } = await enterHeadset();
     frame(1000, [0, 1.6, 0], [1, 0, 0, 0]);
     menu.board.updateMatrixWorld(true);
     const ray = menu.board.matrixWorld.clone();
@@ -157,7 +157,7 @@ describe("what is missing for a headset", () => {
     [false, {}, /^A headset needs a safe address: [^\n]*https[^\n]*$/],
     [true, {}, /^This browser has no WebXR: [^\n]*$/],
     [true, { xr: { isSessionSupported: () => Promise.resolve(false) } }, /^No headset answers: [^\n]*$/],
-  ])("is said in one sentence (secure: %s, %o)", async (isSecure, navigator, sentence) => {
+  ])("is reported in one sentence (secure: %s, %o)", async (isSecure, navigator, sentence) => {
     vi.stubGlobal("isSecureContext", isSecure);
     vi.stubGlobal("navigator", navigator);
     expect(await missingForHeadset()).toMatch(sentence);

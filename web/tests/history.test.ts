@@ -124,10 +124,10 @@ describe("takes", () => {
 
   it("are cut without loss, and what a person decides is kept", () => {
     const history = filled([0]);
-    const said: Description[] = [];
+    const stored: Description[] = [];
     const keeper = {
       add: () => undefined,
-      describe: (one: Description) => void said.push(one),
+      describe: (one: Description) => void stored.push(one),
       remove: () => undefined,
     };
     const takes = new Takes(history, keeper);
@@ -135,7 +135,7 @@ describe("takes", () => {
     const { id } = takes.all[0];
     takes.describe(id, { name: "Walk", part: [0.25, 0.55] });
     expect(numbersOf(takes)).toEqual([3, 4, 5]);
-    expect(said.at(-1)).toMatchObject({ id, name: "Walk", part: [0.25, 0.55] });
+    expect(stored.at(-1)).toMatchObject({ id, name: "Walk", part: [0.25, 0.55] });
     takes.describe(id, { part: null });
     expect(numbersOf(takes)).toHaveLength(10);
     expect(takes.chosen?.name).toBe("Walk");

@@ -33,14 +33,14 @@ afterEach(() => {
 });
 
 /** Put on an emulated headset and stand still; `bodies` completes the frames of some seconds. */
-async function worn() {
+async function enterHeadset() {
   const { device } = headset;
   device.position.set(0, 1.6, 0);
   device.quaternion.set(0, 0, 0, 1);
   const requestSession = navigator.xr!.requestSession.bind(navigator.xr);
   let session!: XRSession;
   vi.spyOn(navigator.xr!, "requestSession").mockImplementation(
-    async (...asked) => (session = await requestSession(...asked)),
+    async (...parameters) => (session = await requestSession(...parameters)),
   );
   let space: XRReferenceSpace;
   const xr = {
@@ -74,8 +74,8 @@ async function worn() {
   };
 }
 
-type Placed = readonly [number, number, number];
-function hold(mode: "controller" | "hand", left: Placed, right: Placed) {
+type Position = readonly [number, number, number];
+function hold(mode: "controller" | "hand", left: Position, right: Position) {
   headset.device.primaryInputMode = mode;
   const both = mode === "hand" ? headset.device.hands : headset.device.controllers;
   both.left!.position.set(...left);
@@ -93,7 +93,7 @@ const leaps = (bodies: readonly Completed[]): number[] => bodies.slice(1).map((n
 
 describe("both hands lost at once", () => {
   it.each(["controller", "hand"] as const)("stay where they were, and come back without a leap: %s", async (mode) => {
-    const { bodies } = await worn();
+    const { bodies } = await enterHeadset();
     const both = hold(mode, [-0.2, 1.2, -0.35], [0.2, 1.2, -0.35]);
     const seen = bodies(2).at(-1)!;
     both.left!.connected = both.right!.connected = false;
@@ -110,7 +110,7 @@ describe("both hands lost at once", () => {
 
 describe("a headset that is hidden and comes back", () => {
   it.each([0.3, 2, 60])("goes on with the same motion after %s s where its wearer stayed", async (seconds) => {
-    const { bodies, hide } = await worn();
+    const { bodies, hide } = await enterHeadset();
     hold("controller", [-0.3, 0.9, 0], [0.3, 0.9, 0]);
     const before = bodies(3).at(-1)!;
     hide(seconds);
@@ -119,8 +119,8 @@ describe("a headset that is hidden and comes back", () => {
     expect(back[0]!.time - before.time).toBeLessThan(1);
   });
 
-  it("starts afresh where its wearer went elsewhere", async () => {
-    const { bodies, hide } = await worn();
+  it("restarts the motion if its wearer went elsewhere", async () => {
+    const { bodies, hide } = await enterHeadset();
     hold("controller", [-0.3, 0.9, 0], [0.3, 0.9, 0]);
     const before = bodies(3).at(-1)!;
     hide(5);
@@ -129,8 +129,8 @@ describe("a headset that is hidden and comes back", () => {
     const [first, ...more] = bodies(2);
     for (const name of ["head", "pelvis", "left_ankle"]) {
       const joint = skeleton.points.indexOf(name);
-      const moved = Math.abs(jointOf(first!, joint)[0] - jointOf(before, joint)[0]);
-      expect(moved, name).toBeCloseTo(1, 0.7); // at once: nothing is drawn after it
+      const distance = Math.abs(jointOf(first!, joint)[0] - jointOf(before, joint)[0]);
+      expect(distance, name).toBeCloseTo(1, 0.7); // at once: nothing is drawn after it
     }
     expect(Math.max(...leaps([first!, ...more]))).toBeLessThan(LEAP);
   });

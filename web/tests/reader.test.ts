@@ -1,4 +1,4 @@
-/** What a headset's frame says about the body. */
+/** Tracked points read from a headset's frame. */
 
 import { HeadsetReader } from "@bodysense/core/webxr";
 import { readFileSync } from "node:fs";

@@ -65,7 +65,7 @@ const silent = () => ({
   connected: vi.fn(),
   came: vi.fn(),
   empty: vi.fn(),
-  said: vi.fn(),
+  notified: vi.fn(),
   lost: vi.fn(),
   others: vi.fn(),
 });
@@ -82,24 +82,24 @@ describe("several wearers", () => {
       expect(followedBy(hash)).toEqual([]);
   });
 
-  it("of one server stand on one stage, and one that goes is said", () => {
+  it("of one server stand on one stage, and one that leaves is reported", () => {
     const stage = new Group();
     const events = silent();
     FakeSocket.all.length = 0;
     const watching = new Watching("http://here:1/", new History(), stage, events, []);
     FakeSocket.all[0]?.say(JSON.stringify({ ...WELCOME, sources: ["vmc", "markers"] }));
-    const asked = FakeSocket.all.slice(1).map((socket) => {
+    const requested = FakeSocket.all.slice(1).map((socket) => {
       socket.onopen?.();
       socket.say(JSON.stringify(WELCOME));
       socket.say(poseBytes(0.5));
       return (JSON.parse(socket.sent[0] ?? "{}") as Record<string, unknown>)["watch"];
     });
-    expect(new Set(asked)).toEqual(new Set(["vmc", "markers"]));
+    expect(new Set(requested)).toEqual(new Set(["vmc", "markers"]));
     watching.frame();
     expect(watching.title).toBe("The server's own input, and 1 more");
     expect(stage.children).toHaveLength(1);
     expect(events.came).toHaveBeenCalled();
-    const [watched, other] = ["vmc", "markers"].map((name) => FakeSocket.all[asked.indexOf(name) + 1]);
+    const [watched, other] = ["vmc", "markers"].map((name) => FakeSocket.all[requested.indexOf(name) + 1]);
     vi.advanceTimersByTime(6000);
     watched?.say(poseBytes(6));
     expect(watching.title).toBe("The server's own input"); // the other one is silent
@@ -108,35 +108,39 @@ describe("several wearers", () => {
     other?.say(poseBytes(6));
     expect(watching.title).toBe("The server's own input, and 1 more");
     other?.onclose?.({ code: 1008, reason: "the session that was watched is over" });
-    expect(events.said).toHaveBeenCalledWith("One wearer is gone: the session that was watched is over.");
+    expect(events.notified).toHaveBeenCalledWith("One wearer is gone: the session that was watched is over.");
     expect([watching.title, stage.children.length]).toEqual(["The server's own input", 0]);
     watching.stop();
   });
 });
 
 describe("a server", () => {
-  it("is asked for its input, shows it, and is said to be gone when it is", () => {
+  it("sends its input, which is displayed, and its end is reported", () => {
     const history = new History();
-    const [said, lost] = [vi.fn(), vi.fn()];
-    const source = new ServerSource("http://here:1/", history, null, { ...silent(), said, lost });
+    const [notified, lost] = [vi.fn(), vi.fn()];
+    const source = new ServerSource("http://here:1/", history, null, { ...silent(), notified, lost });
     const hello = () => {
       const socket = FakeSocket.all.at(-1) ?? new FakeSocket();
       socket.onopen?.();
-      return { socket, asked: JSON.parse(socket.sent[0] ?? "{}") as Record<string, unknown> };
+      return { socket, requested: JSON.parse(socket.sent[0] ?? "{}") as Record<string, unknown> };
     };
     const first = hello();
-    expect([first.asked["watch"], first.asked["resume"]]).toEqual([null, null]);
+    expect([first.requested["watch"], first.requested["resume"]]).toEqual([null, null]);
     first.socket.say(JSON.stringify(WELCOME));
     const second = hello();
-    expect([second.asked["watch"], second.asked["resume"]]).toEqual(["replay", null]);
+    expect([second.requested["watch"], second.requested["resume"]]).toEqual(["replay", null]);
     second.socket.say(JSON.stringify(WELCOME));
     second.socket.say(poseBytes(0.5));
-    expect([history.moments.length, source.title, said.mock.calls.length]).toEqual([1, "The server's own input", 0]);
+    expect([history.moments.length, source.title, notified.mock.calls.length]).toEqual([
+      1,
+      "The server's own input",
+      0,
+    ]);
     second.socket.onclose?.({ code: 1006, reason: "" });
     expect(source.title).toBe("The server does not answer");
     expect(lost).toHaveBeenCalledWith(expect.stringContaining("is `bodysense serve` running"), false);
     vi.advanceTimersByTime(600);
-    expect(hello().asked["resume"]).toEqual({ session: "s1", token: "t1" });
+    expect(hello().requested["resume"]).toEqual({ session: "s1", token: "t1" });
     expect(history.moments.length).toBe(1); // the timeline stays
     source.stop();
   });
@@ -147,7 +151,7 @@ describe("a server", () => {
     const socket = FakeSocket.all.at(-1);
     socket?.onopen?.();
     socket?.say(JSON.stringify({ ...WELCOME, token: "" }));
-    source.tell({ hidden: ["head"] });
+    source.updateSettings({ hidden: ["head"] });
     expect(socket?.sent).toHaveLength(1);
     expect(JSON.parse(socket?.sent[0] ?? "{}")).toMatchObject({ watch: null, follow, resume: null });
     expect(source.title).toBe("Another wearer");

@@ -37,7 +37,7 @@ describe("settings", () => {
     expect(() => saveSettings(() => full, DEFAULT_SETTINGS)).toThrow(/^This browser's storage is full[^\n]*$/);
   });
 
-  it("are the default's where a browser lets no page store anything, which is said when they change", () => {
+  it("are the defaults if a browser stores nothing for pages, which is reported when they change", () => {
     const refused = (): never => {
       throw new DOMException("no", "SecurityError");
     };
@@ -69,7 +69,7 @@ describe("colours", () => {
   history.add(some(0, 0));
   const [moment] = history.moments;
 
-  it("tell hidden from seen, and sure from unsure", () => {
+  it("distinguish hidden from seen, and sure from unsure", () => {
     const seen = { ...moment, measured: new Uint8Array(skeleton.points.length).fill(1) };
     const unsure = { ...moment, expected: new Float32Array(skeleton.points.length).fill(0.3) };
     const hex = (of: typeof moment, how: "hidden" | "confidence") =>

@@ -39,7 +39,7 @@ it("makes a measured wearer as tall as their head is high, from the first frame 
 it("goes on with the same motion when more is known, and begins anew when it starts", () => {
   const tracker = new Tracker(model, skeleton);
   tracker.step(frame(0, 1.6));
-  tracker.tell({ height: 1.9 });
+  tracker.setPerson({ height: 1.9 });
   for (let k = 1; k < 300; k++) tracker.step(frame(k / 60, 1.6));
   expect(crown(tracker.step(frame(5, 1.6)).restOffset)).toBeCloseTo(1.9, 2);
   expect(() => tracker.step(frame(0, 1.6))).toThrow(/^frame: time is not finite or does not increase/);

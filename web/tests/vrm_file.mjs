@@ -124,9 +124,9 @@ function box() {
 }
 
 function glb(json, binary) {
-  const chunk = (kind, content, filler) => {
+  const chunk = (kind, content, padding) => {
     const head = Buffer.alloc(8);
-    const padded = Buffer.concat([content, Buffer.alloc(-content.length & 3, filler)]);
+    const padded = Buffer.concat([content, Buffer.alloc(-content.length & 3, padding)]);
     head.writeUInt32LE(padded.length, 0);
     head.write(kind, 4, "latin1");
     return Buffer.concat([head, padded]);

@@ -13,16 +13,16 @@ function avatar(): Avatar {
 it("shows the one that is worn, and keeps the others", () => {
   const stage = new Group();
   const wardrobe = new Wardrobe(stage);
-  expect(wardrobe.worn).toBeNull();
+  expect(wardrobe.current).toBeNull();
   const [own, other] = [avatar(), avatar()];
   wardrobe.add(OWN, own);
   wardrobe.add("other.vrm", other);
   expect([own.group.visible, other.group.visible]).toEqual([false, true]);
   wardrobe.wear(OWN);
-  expect(wardrobe.worn).toBe(own);
+  expect(wardrobe.current).toBe(own);
   expect([own.group.visible, other.group.visible]).toEqual([true, false]);
   wardrobe.wear("nobody.vrm");
-  expect(wardrobe.wornName).toBe(OWN);
+  expect(wardrobe.currentName).toBe(OWN);
 });
 
 it("replaces one of the same name, and lets the oldest go that is not the page's own", () => {
@@ -31,5 +31,5 @@ it("replaces one of the same name, and lets the oldest go that is not the page's
   for (const name of [OWN, "a", "a", "b", "c", "d", "e"]) wardrobe.add(name, avatar());
   expect(wardrobe.names).toEqual([OWN, "c", "d", "e"]);
   expect(stage.children).toHaveLength(4);
-  expect(wardrobe.wornName).toBe("e");
+  expect(wardrobe.currentName).toBe("e");
 });

@@ -6,7 +6,7 @@ import { calibrated } from "../src/calibration";
 import { axisAngle, fromAxes, multiply, rotate, type Vector } from "../src/body/math";
 import { numbers, readNpz } from "../src/files/npz";
 import type { Observation } from "../src/body/observation";
-import { placed, placedBy } from "../src/sources/placement";
+import { applyPlacement, placementAt } from "../src/sources/placement";
 import { NOBODY, personOf } from "../src/wearer";
 
 const library = (name: string): ArrayBuffer =>
@@ -48,9 +48,9 @@ describe("calibration", () => {
 describe("a wearer", () => {
   it("face the front from the first frame on", () => {
     const turn = axisAngle([0, 1, 0], 2);
-    const [head] = placed(
+    const [head] = applyPlacement(
       [{ name: "head", position: [3, 1.6, -2], rotation: multiply(turn, axisAngle([1, 0, 0], 0.2)), accuracy: 0.001 }],
-      placedBy([3, 1.6, -2], multiply(turn, axisAngle([1, 0, 0], 0.2))),
+      placementAt([3, 1.6, -2], multiply(turn, axisAngle([1, 0, 0], 0.2))),
     );
     const [x, , z] = rotate(head.rotation ?? [1, 0, 0, 0], [0, 0, 1]);
     expect([Math.atan2(x, z), head.position?.[0], head.position?.[2]].map((v) => Math.abs(v ?? 1) < 1e-9)).toEqual([

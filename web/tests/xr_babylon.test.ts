@@ -56,7 +56,7 @@ afterEach(() => {
 });
 
 /** Babylon's feature in a session of the emulated headset. */
-async function worn(scene: Scene, options = {}) {
+async function enterHeadset(scene: Scene, options = {}) {
   const manager = new WebXRSessionManager(scene);
   await manager.initializeAsync();
   const feature = new WebXRBodyTracking(manager, options);
@@ -80,7 +80,7 @@ async function worn(scene: Scene, options = {}) {
 it("is found by Babylon, whose joints are where the poses are", async () => {
   const scene = new Scene(new NullEngine());
   scene.useRightHandedSystem = true;
-  const { feature, floor, look } = await worn(scene);
+  const { feature, floor, look } = await enterHeadset(scene);
   const apart = look(5, (frame) =>
     WebXRBodyTracking.AllBodyJoints.map((name) => {
       const { x, y, z } = frame.getPose(frame.body!.get(name)!, floor)!.transform.position;
@@ -107,7 +107,7 @@ it("moves an avatar of Mixamo as the body moves", async () => {
   }
   const mesh = new Mesh("mesh", scene);
   mesh.skeleton = rig;
-  const { look, floor } = await worn(scene, { bodyMesh: mesh, isMixamoModel: true });
+  const { look, floor } = await enterHeadset(scene, { bodyMesh: mesh, isMixamoModel: true });
   expect(Object.values(MixamoRigMapping).every((name) => rig.bones.some((bone) => bone.name === name))).toBe(true);
   const limbs: readonly (readonly [WebXRBodyJoint, WebXRBodyJoint])[] = [
     [WebXRBodyJoint.LEFT_ARM_UPPER, WebXRBodyJoint.LEFT_ARM_LOWER],

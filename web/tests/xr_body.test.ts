@@ -55,7 +55,7 @@ afterEach(() => {
 const install = (options: BodyTrackingOptions = {}) => (tracking = installBodyTracking(model, options));
 
 /** A session with a floor, and the poses of its body after some frames. */
-async function worn(features = ["body-tracking", "hand-tracking"], required: string[] = []) {
+async function enterHeadset(features = ["body-tracking", "hand-tracking"], required: string[] = []) {
   const session = await headset.enter(features, required);
   const floor = await session.requestReferenceSpace("local-floor");
   /** Poses of joints in the last of some frames. */
@@ -76,7 +76,7 @@ const degrees = (a: XRPose, b: XRPose): number => {
 describe("a session with body tracking", () => {
   it("has the 83 joints of the specification, in its order, in one object", async () => {
     install();
-    const { session } = await worn();
+    const { session } = await enterHeadset();
     const bodies = headset.frames(session, 3, ({ body }) => body!);
     const names = WebXRBodyTracking.AllBodyJoints.map((name) =>
       name.replace("-middle-metacarpal", "-middle-phalanx-metacarpal"),
@@ -91,17 +91,17 @@ describe("a session with body tracking", () => {
 
   it("is granted where it is required, and has no body where it was not asked for", async () => {
     install();
-    const required = await worn([], ["body-tracking"]);
+    const required = await enterHeadset([], ["body-tracking"]);
     expect(headset.frames(required.session, 1, ({ body }) => body?.size)).toEqual([83]);
     await required.session.end();
-    const plain = await worn([]);
+    const plain = await enterHeadset([]);
     expect(headset.frames(plain.session, 1, ({ body }) => body)).toEqual([null]);
     expect(plain.session.enabledFeatures).not.toContain("body-tracking");
   });
 
   it("points −Z of each joint along its bone, to the next joint", async () => {
     install();
-    const { poses } = await worn();
+    const { poses } = await enterHeadset();
     for (const chain of CHAINS) {
       const found = poses(1, chain).map((pose) => pose!);
       found.slice(1).forEach((next, k) => {
@@ -117,7 +117,7 @@ describe("a session with body tracking", () => {
     headset.device.primaryInputMode = "hand";
     headset.device.hands.left?.position.set(0.1, 1.3, 0.2);
     headset.device.hands.right?.position.set(0.2, 1.3, -0.3);
-    const { session, floor } = await worn();
+    const { session, floor } = await enterHeadset();
     const apart = headset
       .frames(session, 2 * RATE, (frame) =>
         [...session.inputSources].flatMap(({ hand, handedness }) =>
@@ -138,7 +138,7 @@ describe("a session with body tracking", () => {
 
   it("has the palm's side of hands below, soles below, and the front of the trunk where the wearer looks", async () => {
     install({ person: { height: 1.75 } });
-    const { session, floor, poses } = await worn();
+    const { session, floor, poses } = await enterHeadset();
     const [forward] = headset.frames(session, RATE, (frame) => axis(frame.getViewerPose(floor)!, 2).map((v) => -v));
     for (const name of ["hips", "chest", "neck", "head"])
       expect(-dot(axis(poses(1, [name])[0]!, 1), forward as Place), name).toBeGreaterThan(0.8);
@@ -151,7 +151,7 @@ describe("a session with body tracking", () => {
   it("turns the far end of a forearm with the hand", async () => {
     install();
     const { left } = headset.device.controllers;
-    const { poses } = await worn();
+    const { poses } = await enterHeadset();
     for (const half of [0, 1]) {
       left?.quaternion.set(0, 0, Math.sin(half / 2), Math.cos(half / 2)); // about the forearm, which points ahead
       const [elbow, twist, wrist] = poses(RATE, ["left-arm-lower", "left-hand-wrist-twist", "left-hand-wrist"]);
@@ -171,7 +171,7 @@ describe("a session with body tracking", () => {
     device.position.set(3, 1.74, -2);
     device.controllers.left?.position.set(2.75, 1.1, -2.3);
     device.controllers.right?.position.set(3.25, 1.1, -2.3);
-    const { session, floor, poses, pose } = await worn();
+    const { session, floor, poses, pose } = await enterHeadset();
     const [head, hips, ankle] = poses(2 * RATE, ["head", "hips", "left-foot-ankle"]).map((found) => place(found!));
     expect(Math.hypot(head![0] - 3, head![2] + 2)).toBeLessThan(0.12);
     expect(Math.hypot(hips![0] - 3, hips![2] + 2)).toBeLessThan(0.4);
@@ -209,7 +209,7 @@ describe("a session with body tracking", () => {
         part.position.set(...turned(yaw, at));
         part.quaternion.set(0, Math.sin(yaw / 2), 0, Math.cos(yaw / 2));
       }
-      const { session, poses } = await worn();
+      const { session, poses } = await enterHeadset();
       const found = poses(RATE, names).map((pose) => place(pose!));
       await session.end();
       tracking?.uninstall();
@@ -223,14 +223,14 @@ describe("a session with body tracking", () => {
 describe("poses of joints", () => {
   it("are the same seen from every space", async () => {
     install();
-    const { session, floor } = await worn();
+    const { session, floor } = await enterHeadset();
     const viewer = await session.requestReferenceSpace("viewer");
     const offset = new XRRigidTransform({ x: 1, y: 2, z: 3 }, { x: 0, y: Math.sin(0.4), z: 0, w: Math.cos(0.4) });
-    const moved = floor.getOffsetReferenceSpace(offset.matrix as never); // iwer takes the matrix
+    const offsetSpace = floor.getOffsetReferenceSpace(offset.matrix as never); // iwer takes the matrix
     headset.frames(session, 1, (frame) => {
       const [hand, head] = ["left-hand-wrist", "head"].map((name) => frame.body!.get(name)!);
       const inFloor = frame.getPose(hand!, floor)!;
-      for (const base of [viewer, moved, head!]) {
+      for (const base of [viewer, offsetSpace, head!]) {
         const [from, seen] = [frame.getPose(base, floor)!, frame.getPose(hand!, base)!];
         const [x, y, z] = [0, 1, 2].map((k) => axis(from, k)) as [Place, Place, Place];
         const [a, b, c] = place(seen);
@@ -249,7 +249,7 @@ describe("poses of joints", () => {
 
   it("are written to an array by fillPoses, beside those of the browser's spaces", async () => {
     install();
-    const { session, floor } = await worn();
+    const { session, floor } = await enterHeadset();
     const viewer = await session.requestReferenceSpace("viewer");
     headset.frames(session, 1, (frame) => {
       const spaces = [viewer, frame.body!.get("hips")!];
@@ -264,7 +264,7 @@ describe("poses of joints", () => {
 
   it("are all null while the headset is not tracked, and come back", async () => {
     install();
-    const { session, floor, poses } = await worn();
+    const { session, floor, poses } = await enterHeadset();
     const names = ["head", "hips", "left-hand-little-tip"];
     expect(poses(5, names).every(Boolean)).toBe(true);
     const lost = vi.spyOn(XRFrame.prototype, "getViewerPose").mockReturnValue(null as unknown as XRViewerPose);
@@ -283,7 +283,7 @@ describe("poses of joints", () => {
 
   it("are those of the last animation frame in frames of events", async () => {
     install();
-    const { session, floor, pose } = await worn();
+    const { session, floor, pose } = await enterHeadset();
     headset.frames(session, 1, () => null); // an animation frame in which nobody asks for the body
     const Frame = XRFrame as unknown as new (...values: unknown[]) => XRBodyFrame; // of iwer: session, id, active, animation
     const hips = () => {
@@ -298,7 +298,7 @@ describe("poses of joints", () => {
   it("go on where controllers are lost, and go over to hands", async () => {
     install();
     const { device } = headset;
-    const { session, floor, pose } = await worn();
+    const { session, floor, pose } = await enterHeadset();
     const before = pose(RATE, "left-hand-wrist");
     device.controllers.left!.connected = false;
     const lost = pose(2, "left-hand-wrist");
@@ -318,7 +318,7 @@ describe("poses of joints", () => {
   it("are those of further points that are given", async () => {
     const at: Place = [0.3, 0.5, -0.2];
     install({ points: () => [{ name: "left_ankle", position: at, accuracy: 0.005 }] });
-    const { pose } = await worn();
+    const { pose } = await enterHeadset();
     const ankle = pose(RATE, "left-foot-ankle");
     expect(ankle.emulatedPosition).toBe(false);
     expect(Math.hypot(...between(place(ankle), at))).toBeLessThan(0.03);
@@ -337,7 +337,7 @@ describe("poses of joints", () => {
       return space;
     } as XRSession["requestReferenceSpace"]);
     tracking = installBodyTracking({ ...model, start });
-    const { pose } = await worn();
+    const { pose } = await enterHeadset();
     pose(3, "hips");
     for (const space of spaces) space.dispatchEvent(new Event("reset"));
     pose(3, "hips");
@@ -349,7 +349,7 @@ describe("poses of joints", () => {
 describe("a page that was hidden", () => {
   it("goes on with the same motion where its wearer stayed", async () => {
     install({ person: { height: 1.75 } });
-    const { poses } = await worn();
+    const { poses } = await enterHeadset();
     const names = ["hips", "left-foot-ankle", "left-arm-lower", "chest"];
     const before = poses(3 * RATE, names);
     headset.wait(20);
@@ -364,7 +364,7 @@ describe("a page that was hidden", () => {
       return { ...state, step: (frame) => (times.push(frame.time), state.step(frame)) };
     };
     tracking = installBodyTracking({ ...model, start });
-    const { pose } = await worn();
+    const { pose } = await enterHeadset();
     pose(2, "hips");
     headset.wait(20);
     headset.device.position.set(2, 1.6, 0.2);
@@ -381,14 +381,14 @@ describe("the polyfill", () => {
       return { ...state, close: () => (closed.push("closed"), state.close()) };
     };
     tracking = installBodyTracking({ ...model, start });
-    const first = await worn();
+    const first = await enterHeadset();
     first.poses(2 * RATE, ["hips"]);
     const learned = tracking.person();
     await first.session.end();
     expect(closed.length).toBe(1);
     expect(tracking.person().restOffset).toEqual(learned.restOffset);
     expect(learned.restOffset![1]).toBeGreaterThan(0.8);
-    const second = await worn();
+    const second = await enterHeadset();
     expect(second.session).not.toBe(first.session);
     expect(second.pose(2, "hips")).not.toBeNull();
     await second.session.end();
@@ -397,7 +397,7 @@ describe("the polyfill", () => {
 
   it("goes on with what becomes known of the wearer", async () => {
     install();
-    const { pose } = await worn();
+    const { pose } = await enterHeadset();
     pose(RATE, "hips");
     tracking!.update({ height: 1.9 });
     pose(1, "hips");
@@ -408,7 +408,7 @@ describe("the polyfill", () => {
     install({ person: { height: 9 } });
     await expect(headset.enter()).rejects.toThrow("no person has");
     tracking!.update({ height: 1.7 });
-    const { pose } = await worn(); // the headset is free
+    const { pose } = await enterHeadset(); // the headset is free
     expect(() => tracking!.update({ height: 9 })).toThrow("no person has");
     expect(pose(2, "hips")).not.toBeNull();
     expect(tracking!.person().height).toBeCloseTo(1.7, 6);
@@ -418,7 +418,7 @@ describe("the polyfill", () => {
     const names = ["body", "getPose", "fillPoses"];
     const before = names.map((name) => Object.getOwnPropertyDescriptor(XRFrame.prototype, name));
     install();
-    const { session } = await worn();
+    const { session } = await enterHeadset();
     tracking!.uninstall();
     expect(names.map((name) => Object.getOwnPropertyDescriptor(XRFrame.prototype, name))).toEqual(before);
     expect([
@@ -435,7 +435,7 @@ describe("the polyfill", () => {
     const own = new Map([["hips", {}]]);
     Object.defineProperty(XRFrame.prototype, "body", { configurable: true, get: () => own });
     install();
-    const { session } = await worn();
+    const { session } = await enterHeadset();
     expect(headset.frames(session, 1, ({ body }) => body)).toEqual([own]);
     tracking!.uninstall();
     expect(headset.frames(session, 1, ({ body }) => body)).toEqual([own]);

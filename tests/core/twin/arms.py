@@ -13,7 +13,7 @@ from .vectors import STRAIGHT, length, limited, mix, reach, turn_between, turned
 
 SHOULDER_DOUBT = 25.0  # 1/m: a shoulder 4 cm off turns its collar half as far as a sure one
 COLLAR_GIVES = 0.8  # of a collar's length: what it gives an arm that is too short
-KEPT_WRIST = 10.0  # s: nothing tells how a lost hand is turned, and it mostly stays so
+KEPT_WRIST = 10.0  # s: a lost hand mostly keeps its rotation relative to the chest
 
 
 def _trust(accuracy: float) -> float:

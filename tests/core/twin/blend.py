@@ -14,10 +14,10 @@ from .vectors import heading, limited, mix
 
 BLEND = 0.25  # s in which predicted joints are eased after sensors of their group came or went
 
-# A lost wrist or ankle goes on with its velocity, which fades in LEAVING s, and gives way to the prediction. Half of
-# the way remains after KEPT s; of an arm that was raised after KEPT_RAISED s of a head that moves.
+# A lost wrist or ankle continues with its velocity, which decays in LEAVING s, and blends into the prediction. Half of
+# the distance remains after KEPT s, or for a raised arm after KEPT_RAISED s in which the head moves.
 LEAVING, KEPT_LEG, KEPT_ARM, KEPT_RAISED = 0.08, 0.12, 0.35, 3.0
-STEEPEST_ARM = 3.0  # m/s: how much faster or slower than its goal a hand may be as it is found or lost
+STEEPEST_ARM = 3.0  # m/s: largest speed of a hand relative to its goal when it is found or lost
 
 # The group of each joint of the body: its limb, else the trunk. A hip is of its leg, a collar of the trunk.
 GROUP = ["trunk"] * BODY
@@ -125,7 +125,7 @@ def ease_limb(
     middle_breaks = begun and (
         task.middle_seen != state.middle_seen or (not task.middle_seen and (found or (changed and free)))
     )
-    # What held or pulled a joint that was guessed stays where it is measured.
+    # A joint that is measured again keeps the shifts that held or pulled its predicted position.
     end_before = state.end_output + found * (turn.T @ state.end_held)
     middle_before = state.middle_output + middle_found * (turn.T @ state.middle_held)
     steepest = STEEPEST_ARM if limb.kind == "arm" else 0.0

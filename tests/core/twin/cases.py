@@ -1,7 +1,7 @@
 """Motion, devices and people to compare the core with its twin on: made up, so that no recording is needed.
 
 Draws stay away from ties, where a difference in the last bit decides: bones that turn by half a turn, a head that is
-lost for long and moves with a body as it was output, rates at which a memory may advance or not.
+lost for long and moves with the output body, rates at which a memory may or may not advance.
 """
 
 from dataclasses import dataclass, replace
@@ -88,7 +88,7 @@ def motion(case: Case) -> Pose:
 
 
 def mounts_of(case: Case) -> dict[str, RigidTransform]:
-    """How trackers are worn."""
+    """Mountings of trackers."""
     rng = np.random.default_rng(case.seed + 2)
     return {
         joint: RigidTransform(rng.normal(size=3) * 0.05, normalize(rng.normal(size=4)))
@@ -108,8 +108,8 @@ def observation_of(case: Case) -> Observation:
     head = [k for k, name in enumerate(seen.points) if name == "head"]
     lost[:, head] &= (np.arange(case.frames) % 10 < 3)[:, None]
     whole = [name for k, name in enumerate(seen.points) if (seen.has_position & seen.has_rotation)[:, k].all()]
-    worn = {joint: mount for joint, mount in mounts_of(case).items() if joint in whole}
-    seen = strapped(seen, worn)
+    mounts = {joint: mount for joint, mount in mounts_of(case).items() if joint in whole}
+    seen = strapped(seen, mounts)
     return replace(
         seen,
         position=seen.position + rng.normal(size=seen.position.shape) * case.noise,

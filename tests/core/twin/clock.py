@@ -6,7 +6,7 @@ from bodysense.tracker import TrackerSettings
 
 
 def interval_of(settings: TrackerSettings, time: float, before: float) -> tuple[float, bool]:
-    """Seconds since the frame `before` (NaN if there was none), and whether motion starts anew at `time`."""
+    """Return seconds since the frame `before` (NaN if there was none), and whether the motion restarts at `time`."""
     past = time - before
     if isnan(past) or past > settings.longest_gap:
         return settings.first_interval, True

@@ -96,7 +96,7 @@ class Ease:
         breaks: bool,
         span: float,
     ) -> np.ndarray:
-        """The same for a rotation, with its spin in rad/s."""
+        """Ease a rotation; `spin` is its angular velocity in rad/s."""
         if breaks:
             self.begin(turn_between(goal, turned_by(before, spin * interval)), span if span > interval else 0.0)
         else:

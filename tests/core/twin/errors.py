@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from .network import Prediction
-from .points import BODY, HAND_POINTS, HEAD, PLACED, POINTS, WRISTS, rest_height
+from .points import BODY, BODY_POINTS, HAND_POINTS, HEAD, POINTS, WRISTS, rest_height
 from .tracked import Tracked
 
 TRACKED_ERROR = 0.001  # m: stands for the expected error of points that are tracked
@@ -38,13 +38,13 @@ def expected_errors(
 
     No measured point is expected to err by less than it is off (65,) m.
     """
-    has, joints = seen.has_position[PLACED], seen.has_position[:BODY]
+    has, joints = seen.has_position[BODY_POINTS], seen.has_position[:BODY]
     known = np.concatenate(
         [
             np.log(np.where(has, TRACKED_ERROR, predicted.error)),
             has,
             seen.has_rotation[:BODY],
-            seen.deviation[PLACED],
+            seen.deviation[BODY_POINTS],
             np.log(np.where(joints, TRACKED_UNLIKE, predicted.unlike)),
         ]
     )
@@ -52,7 +52,7 @@ def expected_errors(
     mean, most = np.split(np.exp(of["errors.weight"] @ np.concatenate([known, inside]) + of["errors.bias"]), 2)
     most = rarity(seen) * most
     confidence, bound = np.zeros(POINTS), np.zeros(POINTS)
-    confidence[PLACED], bound[PLACED] = mean, most
+    confidence[BODY_POINTS], bound[BODY_POINTS] = mean, most
     for wrist, points, errors in zip(WRISTS, HAND_POINTS, finger_error, strict=True):
         confidence[points] = mean[wrist] + errors  # a finger is misplaced by its wrist's error as well
         bound[points] = most[wrist] + errors * NORMAL_BOUND

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .points import BODY as JOINTS
-from .points import HEAD, HIPS, PARENT, PARTNER, PELVIS, PLACED, PLACED_PARTNER, SIDES, WRISTS, at
+from .points import BODY_PARTNER, BODY_POINTS, HEAD, HIPS, PARENT, PARTNER, PELVIS, SIDES, WRISTS, at
 from .tracked import KNUCKLES, Tracked
 
 HEAD_HEIGHT = 1.5  # m, of the head joint of the reference stature above the soles
@@ -26,7 +26,7 @@ REACH = 16.0  # no feature is larger
 BONE_SCALE, USUAL_RATE, ACCELERATION_SCALE = 20.0, 30.0, 0.1  # 1/m, 1/s, s²/m
 
 SPINNING = [HEAD, *WRISTS]  # of which the change of axes is read
-READ_PARTNER = [*PLACED_PARTNER, len(PLACED) + 1, len(PLACED)]
+READ_PARTNER = [*BODY_PARTNER, len(BODY_POINTS) + 1, len(BODY_POINTS)]
 LINES = [HIPS, *((at(f"left_{name}"), at(f"right_{name}")) for name in ("shoulder", "ankle"))]
 STRAPPED = [at(name) for name in ("pelvis", "spine3")] + [
     at(f"{side}_{name}") for name in ("hip", "knee", "ankle", "shoulder", "elbow") for side in SIDES
@@ -73,7 +73,7 @@ def single(value: float | np.floating) -> np.float32:
 def stature(rest_offset: np.ndarray) -> np.float32:
     """How high the head of a skeleton rests above its soles, as a share of the reference's."""
     height, up = {PELVIS: single(0)}, rest_offset[:, 1].astype(np.float32)
-    for point in PLACED[1:].tolist():
+    for point in BODY_POINTS[1:].tolist():
         height[point] = height[int(PARENT[point])] + single(float(up[point]))
     return (height[HEAD] - min(height.values())) / single(HEAD_HEIGHT) + single(FLATTEST)
 
@@ -111,16 +111,16 @@ class Before:
 def remember(seen: Tracked) -> Before:
     """Return tracked values to compare with when memories advance next."""
     knuckles = [sum(places, np.zeros(3, np.float32)) * single(0.25) for places in seen.knuckle]
-    has = [*seen.has_position[PLACED], *seen.has_knuckles]
+    has = [*seen.has_position[BODY_POINTS], *seen.has_knuckles]
     axes = seen.rotation[SPINNING].transpose(0, 2, 1)[:, :2]
     turned = [seen.turned(joint) for joint in SPINNING]
-    return Before(np.concatenate([seen.position[PLACED], knuckles]), np.array(has), axes, np.array(turned))
+    return Before(np.concatenate([seen.position[BODY_POINTS], knuckles]), np.array(has), axes, np.array(turned))
 
 
 def accuracies(seen: Tracked) -> np.ndarray:
     """Accuracies (27,) in m of what is read; of the middle of knuckles, that of the first of them that is measured."""
     first = [index if seen.has_position[index] else middle for index, middle, *_ in KNUCKLES]
-    return seen.accuracy[[*PLACED, *first]]
+    return seen.accuracy[[*BODY_POINTS, *first]]
 
 
 def read(seen: Tracked, head: Head, before: Before | None, interval: np.float32, usual_bones: np.ndarray) -> Reading:
@@ -128,21 +128,21 @@ def read(seen: Tracked, head: Head, before: Before | None, interval: np.float32,
     smaller, rate, now = 1 / stature(seen.rest_offset), 1 / interval, remember(seen)
     old = before or replace(now, has_place=np.zeros(27, bool), has_axes=np.zeros(3, bool))
     turned = np.array([seen.turned(joint) for joint in range(JOINTS)])
-    moved, both = (now.has_place & old.has_place)[:, None], (now.has_axes & old.has_axes)[:, None, None]
+    both_places, both = (now.has_place & old.has_place)[:, None], (now.has_axes & old.has_axes)[:, None, None]
     axes = head.into(seen.rotation[:JOINTS].transpose(0, 2, 1)[:, :2])
-    bones = seen.rest_offset[PLACED].astype(np.float32) * smaller - usual_bones
+    bones = seen.rest_offset[BODY_POINTS].astype(np.float32) * smaller - usual_bones
     bones[PELVIS] = 0  # the pelvis hangs on nothing
     felt = seen.has_acceleration[STRAPPED]
     return Reading(
         place=head.into(now.place - head.origin) * smaller * now.has_place[:, None],
         has_place=now.has_place,
-        velocity=(head.into(now.place - old.place) * (smaller * rate)).clip(-FASTEST, FASTEST) * moved,
+        velocity=(head.into(now.place - old.place) * (smaller * rate)).clip(-FASTEST, FASTEST) * both_places,
         accuracy=np.log10(1000 * accuracies(seen)) * now.has_place,
         axes=axes * turned[:, None, None],
         has_axes=turned,
         spin=(head.into(now.axes - old.axes) * rate).clip(-SWIFTEST, SWIFTEST) * both,
         bones=bones,
-        deviation=seen.deviation[PLACED].astype(np.float32),
+        deviation=seen.deviation[BODY_POINTS].astype(np.float32),
         interval=interval,
         acceleration=(head.into(seen.acceleration[STRAPPED]) * smaller).clip(-STRONGEST, STRONGEST) * felt[:, None],
         has_acceleration=felt,
@@ -161,8 +161,8 @@ def mirrored(reading: Reading) -> Reading:
         axes=reading.axes[joint] * both,
         has_axes=reading.has_axes[joint],
         spin=reading.spin[[0, 2, 1]] * both,
-        bones=reading.bones[PLACED_PARTNER] * MIRROR,
-        deviation=reading.deviation[PLACED_PARTNER],
+        bones=reading.bones[BODY_PARTNER] * MIRROR,
+        deviation=reading.deviation[BODY_PARTNER],
         interval=reading.interval,
         acceleration=reading.acceleration[strapped] * MIRROR,
         has_acceleration=reading.has_acceleration[strapped],

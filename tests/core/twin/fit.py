@@ -87,13 +87,13 @@ def agreed_places(seen: Tracked, body: Body) -> np.ndarray:
     """Places (22, 3), m, that measured joints and bones agree on, near those of a predicted body."""
     has, start = seen.has_position[:BODY], body.point[:BODY]
     share = np.where(has, 1 / (1 + (DOUBT * seen.accuracy[:BODY]) ** 2), 0.0)
-    moved = np.zeros((BODY, 3))
+    displacement = np.zeros((BODY, 3))
     for j in range(BODY):
         if has[j]:
-            moved[j] = share[j] * (seen.position[j] - start[j])
+            displacement[j] = share[j] * (seen.position[j] - start[j])
         elif j not in SPINE:  # joints beyond a measured one start with its displacement
-            moved[j] = moved[PARENT[j]]
-    found = np.where(has[:, None], start, start + moved)
+            displacement[j] = displacement[PARENT[j]]
+    found = np.where(has[:, None], start, start + displacement)
     stiff = [length(start[second] - start[first]) for first, second in STIFF]
     for _ in range(ROUNDS):
         for j in range(1, BODY):

@@ -74,7 +74,7 @@ class Recurrent:
 
 @dataclass(frozen=True)
 class Branch:
-    """A layer of rectified units over what is remembered and read, and a linear one: W max(V [h, x] + b, 0) + c."""
+    """A rectified layer over memory and inputs, and a linear layer: W max(V [h, x] + b, 0) + c."""
 
     inward: np.ndarray  # (M, H + N)
     inward_bias: np.ndarray  # (M, 1)

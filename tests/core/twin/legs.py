@@ -16,7 +16,7 @@ from .trunk import Body, bend_spine, pelvis_seen
 from .vectors import STRAIGHT, UP, length, limited, mix, turn_between, turned_by, turned_onto, unit
 
 PULLS = 6  # times that measured legs pull a pelvis
-MOST_MOVED = 0.15  # m that a pelvis is moved for legs that do not reach
+MAX_PELVIS_SHIFT = 0.15  # m, largest shift of the pelvis toward targets out of reach
 SETTLE = 0.06  # s in which half of what a standing pelvis lacks is made up
 SEATED = 0.65  # of a standing head's height: a lower head sits on the floor or lies
 STRETCHED = 0.92  # of it: a jump takes off and lands with a head that is higher
@@ -37,10 +37,10 @@ def move_pelvis(body: Body, seen: Tracked, tasks: list[Task], move: np.ndarray) 
     """Move the pelvis by bending the spine. Measured joints of the legs stay where they are."""
     before = body.point[PELVIS]
     bend_spine(body, seen, move)
-    moved = body.point[PELVIS] - before
+    pelvis_shift = body.point[PELVIS] - before
     for task in tasks:
-        task.end = task.end - moved * task.end_seen
-        task.middle = task.middle - moved * task.middle_seen
+        task.end = task.end - pelvis_shift * task.end_seen
+        task.middle = task.middle - pelvis_shift * task.middle_seen
 
 
 def pull_pelvis(body: Body, seen: Tracked, state: PoseState, tasks: list[Task]) -> None:
@@ -50,20 +50,20 @@ def pull_pelvis(body: Body, seen: Tracked, state: PoseState, tasks: list[Task]) 
     if np.any(pulling):
         for _ in range(PULLS):
             lack = np.mean([leg_lack(task) for task in tasks if task.middle_seen or task.end_seen], axis=0)
-            moved = body.point[PELVIS] - before
-            move_pelvis(body, seen, tasks, limited(moved + lack, MOST_MOVED) - moved)
-    moved = body.point[PELVIS] - before
+            pelvis_shift = body.point[PELVIS] - before
+            move_pelvis(body, seen, tasks, limited(pelvis_shift + lack, MAX_PELVIS_SHIFT) - pelvis_shift)
+    pelvis_shift = body.point[PELVIS] - before
     breaks = state.begun and pulling != state.pulling
     span = 0.0 if seen.at_once else BLEND
-    shown = state.pull.vector(moved, state.pulled, state.pulled_speed, seen.interval, breaks, span)
-    move_pelvis(body, seen, tasks, shown - moved)
+    eased_shift = state.pull.vector(pelvis_shift, state.pulled, state.pulled_speed, seen.interval, breaks, span)
+    move_pelvis(body, seen, tasks, eased_shift - pelvis_shift)
     pulled = body.point[PELVIS] - before
     state.pulled_speed = (pulled - state.pulled) / seen.interval if state.begun else np.zeros(3)
     state.pulling, state.pulled = pulling, pulled
 
 
 def uprightness(body: Body, seen: Tracked, state: PoseState) -> float:
-    """1 if feet carry the body, which stands, walks, crouches or is on a chair; 0 if it lies or jumps."""
+    """Return 1 if feet carry the body (standing, crouching or on a chair), 0 if it lies, sits on the floor or jumps."""
     tall, high = rest_height(seen.rest_offset, HEAD), body.point[HEAD][1] - seen.floor
     risen = float(np.clip((high / tall - SEATED) / 0.1 + 0.5, 0, 1))
     fastest = FALLING if high < STRETCHED * tall else STEADY
@@ -135,16 +135,16 @@ def move_legs(
     )
     if pelvis_seen(seen):
         lacking = 0.0
-    state.standing_drop += settle * (min(lacking, MOST_MOVED) - state.standing_drop)
+    state.standing_drop += settle * (min(lacking, MAX_PELVIS_SHIFT) - state.standing_drop)
     pelvis = body.point[PELVIS]
     bend_spine(body, seen, -state.standing_drop * UP)
-    moved = body.point[PELVIS] - pelvis
+    pelvis_shift = body.point[PELVIS] - pelvis
     for side, leg, task, move, foot, (free_middle, free_end) in zip(
         SIDES, LEGS, tasks, moves, state.foot, free, strict=True
     ):
-        task.end = task.end + move - moved  # feet stay where they are when the pelvis is lowered for them
+        task.end = task.end + move - pelvis_shift  # feet stay where they are when the pelvis is lowered for them
         if task.middle_seen:
-            task.middle = task.middle - moved
+            task.middle = task.middle - pelvis_shift
         else:
             keep_forward(task, seen, leg, body.rotation[leg.start])
         middle, end = solve_limb(task)
@@ -153,7 +153,7 @@ def move_legs(
         own.end_shift, own.middle_shift = end - free_end, middle - free_middle
         if task.middle_seen or task.start_turned or task.middle_turned:
             # Measured bones do not give way: what they refuse is not held.
-            refused = own.end_shift - (move - moved)
+            refused = own.end_shift - (move - pelvis_shift)
             foot.anchor, foot.slide = foot.anchor + refused, foot.slide + refused * [1, 0, 1]
             foot.drop -= refused[1]
-        own.end_held, own.middle_held = move + refused, own.middle_shift + moved
+        own.end_held, own.middle_held = move + refused, own.middle_shift + pelvis_shift

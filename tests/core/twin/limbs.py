@@ -10,12 +10,12 @@ from .vectors import across, cross, length, reach, turned_onto, unit
 
 # Of a limb's length: share of the natural side in where a middle joint points that is not measured.
 BENT = {"arm": 0.03, "leg": 0.1}
-HINGE = 2.0  # how much more measured rotations of pelvis and foot tell of a knee than the network
+HINGE = 2.0  # weight of measured rotations of pelvis and foot for a knee, relative to the network
 
 
 @dataclass(frozen=True)
 class Limb:
-    """The joints of a limb, from the one that carries it, and points that tell of its end if that is not measured."""
+    """The joints of a limb, from the one that carries it, and points that replace its end if that is not measured."""
 
     name: str
     kind: str
@@ -60,9 +60,9 @@ class Task:
 
 
 def limb_goal(seen: Tracked, limb: Limb, rotation: np.ndarray, output: np.ndarray, start: np.ndarray) -> Task:
-    """Where measured points, rotations (22, 3, 3) and the prediction would have a limb, before easing.
+    """Return the goal of a limb before easing, from measured points, rotations (22, 3, 3) and the prediction.
 
-    `output` has the rotations (52, 3, 3) of hands, feet and measured bones as they are output.
+    `output`: rotations (52, 3, 3), of which those of hands, feet and measured bones are final.
     """
     start_turned, middle_turned = seen.turned(limb.start), seen.turned(limb.middle)
     upper = (output if start_turned else rotation)[limb.start]  # measured ones are eased already

@@ -1,4 +1,4 @@
-"""How trackers are worn, refined while the wearer moves.
+"""Mountings of trackers, refined while the wearer moves.
 
 A bone has one length however its two ends turn, and a leg is never longer than thigh and shin together. A Kalman filter
 holds corrections of the joints' places, in the joints' axes, and lengths of bones. For a distance d with slope s:
@@ -40,9 +40,9 @@ UNSURE = {
         for side in SIDES
     },
 }
-WORN = tuple(UNSURE)
+REFINED_JOINTS = tuple(UNSURE)
 BONES = {"thigh": at("left_knee"), "shin": at("left_ankle"), "forearm": at("left_wrist")}
-SIZE = 3 * len(WORN) + len(BONES)
+SIZE = 3 * len(REFINED_JOINTS) + len(BONES)
 
 
 @dataclass(frozen=True)
@@ -76,11 +76,11 @@ class Mounts:
 
     mean: np.ndarray  # (N,) m: corrections as believed, then lengths of bones
     covariance: np.ndarray  # (N, N) m²
-    correction: np.ndarray = field(default_factory=lambda: np.zeros((len(WORN), 3)))  # m, in use
+    correction: np.ndarray = field(default_factory=lambda: np.zeros((len(REFINED_JOINTS), 3)))  # m, in use
     due: float = 0.0  # s since distances were last taken in
 
 
-def worn_by(person: Person) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+def mounts_of(person: Person) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """Mounts by the joint that carries each: translation (3,) m and joint ← tracker (3, 3)."""
     return {
         at(joint): (np.asarray(mount.translation), quaternion_to_matrix(mount.rotation))
@@ -91,12 +91,12 @@ def worn_by(person: Person) -> dict[int, tuple[np.ndarray, np.ndarray]]:
 
 def first_mounts(person: Person) -> Mounts:
     """Return the beliefs before the first frame."""
-    worn, offset = worn_by(person), person.skeleton.rest_offset
+    mounts, offset = mounts_of(person), person.skeleton.rest_offset
     variance, mean = np.zeros(SIZE), np.zeros(SIZE)
-    for k, joint in enumerate(WORN):
-        if joint in worn:
+    for k, joint in enumerate(REFINED_JOINTS):
+        if joint in mounts:
             variance[3 * k : 3 * k + 3] = np.square(UNSURE[joint])
-    for k, end in enumerate(BONES.values(), start=3 * len(WORN)):
+    for k, end in enumerate(BONES.values(), start=3 * len(REFINED_JOINTS)):
         mean[k] = np.linalg.norm(offset[end])
         variance[k] = max(person.bone_deviation[end], LEAST_UNSURE) ** 2
     return Mounts(mean, np.diag(variance))
@@ -104,7 +104,7 @@ def first_mounts(person: Person) -> Mounts:
 
 def apply(person: Person, seen: Tracked) -> None:
     """Put joints in place of the trackers that they carry."""
-    for joint, (translation, rotation) in worn_by(person).items():
+    for joint, (translation, rotation) in mounts_of(person).items():
         if seen.has_rotation[joint] and seen.has_position[joint]:
             seen.rotation[joint] = seen.rotation[joint] @ rotation.T
             seen.position[joint] = seen.position[joint] - seen.rotation[joint] @ translation
@@ -115,15 +115,19 @@ def _take_in(one: Distance, offset: np.ndarray, seen: Tracked, own: Mounts) -> N
     apart = seen.position[one.end] - seen.position[one.start]
     if one.offset is not None:
         apart = apart - seen.rotation[one.start] @ offset[one.offset]
-    worn = [(WORN.index(joint), joint, sign) for joint, sign in ((one.start, -1), (one.end, 1)) if joint in WORN]
-    for k, joint, sign in worn:
+    ends = [
+        (REFINED_JOINTS.index(joint), joint, sign)
+        for joint, sign in ((one.start, -1), (one.end, 1))
+        if joint in REFINED_JOINTS
+    ]
+    for k, joint, sign in ends:
         apart = apart + sign * seen.rotation[joint] @ own.mean[3 * k : 3 * k + 3]
     far, slope = float(np.linalg.norm(apart)), np.zeros(SIZE)
-    for k, joint, sign in worn:
+    for k, joint, sign in ends:
         slope[3 * k : 3 * k + 3] = sign * seen.rotation[joint].T @ (apart / max(far, 0.01))
     for bone in one.bones:
-        slope[3 * len(WORN) + list(BONES).index(bone)] = -1
-    excess = far + slope[3 * len(WORN) :] @ own.mean[3 * len(WORN) :]
+        slope[3 * len(REFINED_JOINTS) + list(BONES).index(bone)] = -1
+    excess = far + slope[3 * len(REFINED_JOINTS) :] @ own.mean[3 * len(REFINED_JOINTS) :]
     spread, noise = own.covariance @ slope, NOISE
     expected = max(float(slope @ spread), 0.0)
     if one.at_most and excess < 0:
@@ -132,15 +136,15 @@ def _take_in(one: Distance, offset: np.ndarray, seen: Tracked, own: Mounts) -> N
         noise = SHORT_NOISE
     variance = expected + noise**2
     mean = own.mean - spread * excess / variance
-    if abs(excess) > FARTHEST * sqrt(variance) or (np.abs(mean[: 3 * len(WORN)]) > MOST).any():
+    if abs(excess) > FARTHEST * sqrt(variance) or (np.abs(mean[: 3 * len(REFINED_JOINTS)]) > MOST).any():
         return
     own.mean, own.covariance = mean, own.covariance - np.outer(spread, spread) / variance
 
 
 def step(person: Person, interval: float, own: Mounts, seen: Tracked) -> None:
     """Take in the distances of a frame, and put its joints where they are believed to be."""
-    worn = worn_by(person)
-    if not any(joint in worn for joint in WORN):
+    mounts = mounts_of(person)
+    if not any(joint in mounts for joint in REFINED_JOINTS):
         return
     own.due += interval
     whole = seen.has_position[: len(seen.has_rotation)] & seen.has_rotation
@@ -149,11 +153,11 @@ def step(person: Person, interval: float, own: Mounts, seen: Tracked) -> None:
         own.covariance = own.covariance + np.diag(unsure * SLIP**2 * own.due)
         for one in DISTANCES:
             hidden = one.without is None or not seen.has_position[one.without]
-            if hidden and (one.start in worn or one.end in worn) and whole[one.start] and whole[one.end]:
+            if hidden and (one.start in mounts or one.end in mounts) and whole[one.start] and whole[one.end]:
                 _take_in(one, person.skeleton.rest_offset, seen, own)
         own.due = 0.0
     share = 1 - 2 ** (-interval / HALF_LIFE)
-    own.correction += share * (own.mean[: 3 * len(WORN)].reshape(-1, 3) - own.correction)
-    for joint, correction in zip(WORN, own.correction, strict=True):
+    own.correction += share * (own.mean[: 3 * len(REFINED_JOINTS)].reshape(-1, 3) - own.correction)
+    for joint, correction in zip(REFINED_JOINTS, own.correction, strict=True):
         if whole[joint]:
             seen.position[joint] = seen.position[joint] + seen.rotation[joint] @ correction

@@ -1,4 +1,4 @@
-"""The body's network: asked of what is tracked and of its mirror image, and averaged."""
+"""The body's network, evaluated on the tracked points and on their mirror image; the outputs are averaged."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ import numpy as np
 
 from .features import HEAD_HEIGHT, MIRROR, Before, Head, features, find_head, mirrored, read, remember, stature
 from .layers import branch_of, logistic, recurrent_of, rounded, softplus
-from .points import BODY, PARTNER, PLACED_PARTNER
+from .points import BODY, BODY_PARTNER, PARTNER
 from .tracked import Tracked
 from .vectors import frame_of
 
@@ -78,7 +78,7 @@ def _meaning(
     half = ((axes[0] - image) / 2).reshape(BODY, 6)
     raised = (turned[6 * BODY :, 0] + MIRROR * turned[6 * BODY :, 1]) / 2 + [0, HEAD_HEIGHT, 0]
     contact, error = judged[:4], judged[4:]
-    error = (error[:, 0] + error[PLACED_PARTNER, 1]) / 2
+    error = (error[:, 0] + error[BODY_PARTNER, 1]) / 2
     return Prediction(
         rotation=np.array([head.turn @ frame_of(joint[:, 0], joint[:, 1]) for joint in mean]),
         head=head.origin + head.turn @ raised * size,

@@ -8,10 +8,10 @@ SKELETON = default_skeleton()
 at = SKELETON.index
 POINTS, JOINTS, BODY = 65, 52, 22
 PARENT, PARTNER, PATH = np.array(SKELETON.parents), SKELETON.mirror, SKELETON.path
-PLACED = np.array(
+BODY_POINTS = np.array(
     [*range(BODY), at("head_top"), at("left_toe"), at("right_toe")]
 )  # that the network predicts errors of
-PLACED_PARTNER = np.array([list(PLACED).index(PARTNER[p]) for p in PLACED])
+BODY_PARTNER = np.array([list(BODY_POINTS).index(PARTNER[p]) for p in BODY_POINTS])
 SIDES = ("left", "right")
 WRISTS = tuple(at(f"{side}_wrist") for side in SIDES)
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")

@@ -14,8 +14,8 @@ from .fit import fit_prediction
 from .legs import move_legs
 from .limbs import LIMBS
 from .network import Prediction
-from .points import BODY, HEAD, HIPS, PELVIS, PLACED, POINTS, SPINE3, WRISTS, at
-from .settle import settle
+from .offset_decay import decay_offsets
+from .points import BODY, BODY_POINTS, HEAD, HIPS, PELVIS, POINTS, SPINE3, WRISTS, at
 from .state import PoseState
 from .tracked import Tracked, find_knuckles, imply_rotations, place_head
 from .trunk import (
@@ -54,9 +54,9 @@ DIRECTED = [
 
 
 def directed(seen: Tracked, joint: int, child: int, rotation: np.ndarray) -> np.ndarray:
-    """A rotation turned so that the joint points at its measured child.
+    """Turn a rotation so that the joint points at its measured child.
 
-    Where points err as much as they are apart, their direction says little: its share is b² / (b² + (2 e)²).
+    The direction is unreliable if the points' error e is near their distance b, so its weight is b² / (b² + (2 e)²).
     """
     if not seen.has_position[joint] or not seen.has_position[child]:
         return rotation
@@ -86,13 +86,13 @@ def redirected(seen: Tracked, state: PoseState, joint: int) -> bool:
 
 
 def pose_read(settings: TrackerSettings, seen: Tracked, state: PoseState) -> None:
-    """Find what measured points tell of others, before the network is asked."""
+    """Derive rotations and other points from measured points, before the network runs."""
     seen.waning = seen.interval * min(max(length(state.head_speed) / STIRRED, CALM), 1.0)
     find_stand_ins(seen, settings.ease, state.begun, state.limb)
     find_knuckles(seen)
     imply_rotations(seen)
     place_head(seen, state.point if state.begun else None)
-    found = (seen.has_position & ~state.had_position)[PLACED].any()
+    found = (seen.has_position & ~state.had_position)[BODY_POINTS].any()
     seen.at_once = settings.ease == 0 and state.begun and bool(found)
 
 
@@ -100,7 +100,7 @@ def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, s
     """The body without its fingers: rotations of the body's joints, and all points of a body with flat hands."""
     body, begun, interval = empty_body(), state.begun, seen.interval
     fit_prediction(seen, predicted, state)
-    settle(seen, predicted, state)
+    decay_offsets(seen, predicted, state)
     changed = find_changes(seen, state.had_position, state.had_rotation) if begun else set()
     goal = rotation_goals(seen, predicted)
     for j in range(BODY):
@@ -113,8 +113,8 @@ def pose_body(settings: TrackerSettings, seen: Tracked, predicted: Prediction, s
 
     # The body hangs on its head, or on its pelvis, or on what is seen.
     place(body, seen, predicted.head)
-    state.placed = state.placed or bool(seen.has_position.any())
-    head = predicted.head + (placement(body, seen) if state.placed else onto_floor(body, seen))
+    state.has_measured_position = state.has_measured_position or bool(seen.has_position.any())
+    head = predicted.head + (placement(body, seen) if state.has_measured_position else onto_floor(body, seen))
     has_head = bool(seen.has_position[HEAD])
     breaks = begun and (
         has_head != state.had_position[HEAD]

@@ -37,7 +37,7 @@ TIPTOE = 0.08  # m by which a head may be higher than at rest: shoes, tiptoe
 CONTRADICTED = 2.0  # s after which a known height that is too low counts no more
 
 UNKNOWN_LEG = 0.06  # m: deviations of a leg's bones together are more if nothing is known
-SETTLING = 3.0  # s after which a body does not shrink any more
+SHRINK_TIME = 3.0  # s after which a body does not shrink any more
 SHRINKING = -1.0  # in place of the stature that a body may not fall far below: it may
 MOST_SHRINKING = 0.015  # m
 MOVES = 0.2  # m/s, of the head
@@ -46,7 +46,7 @@ STILL_GROWTH, MOVING_GROWTH = 0.02, 0.1  # m/s, of the stature of a still wearer
 
 @dataclass(frozen=True)
 class Evidence:
-    """A length that tells of proportions: which quantile is taken, and how it then differs from the rest pose."""
+    """A length that depends on proportions: the quantile that is used, and its difference from the rest pose."""
 
     start: int
     end: int | None  # None: the floor
@@ -80,7 +80,7 @@ HEAD_OVER_FLOOR = len(EVIDENCE) - 1
 class Proportions:
     """Beliefs about a body."""
 
-    shown: np.ndarray  # (65, 3) m, rest offsets in use
+    current: np.ndarray  # (65, 3) m, rest offsets in use
     believed: np.ndarray  # (65, 3) m, toward which those in use move
     deviation: np.ndarray  # (65,) m, standard deviation of each bone's length
     since: float = 0.0  # s since lengths were last looked at
@@ -166,8 +166,8 @@ def infer_height(own: Proportions, head: float, total: float) -> tuple[str, Meas
     ratio = stature / rest_height(own.believed, HEAD)
     unsure, walks = STATURE_DEVIATION**2, own.walked / ROLLS
     stands = _log_normal(head + STOOP - stature / ratio, STANDING_NOISE**2 + unsure / ratio**2)
-    seat = head - SEATED_HEAD - SEATED_SLOPE * (stature - MEAN_STATURE)
-    sits = _log_normal(seat, SEATED_NOISE**2 + SEATED_SLOPE**2 * unsure) - walks
+    seat_height = head - SEATED_HEAD - SEATED_SLOPE * (stature - MEAN_STATURE)
+    sits = _log_normal(seat_height, SEATED_NOISE**2 + SEATED_SLOPE**2 * unsure) - walks
     if head > HIGH_HEAD:
         return "high", None
     if head < LOW_HEAD and LOW_LIKELIHOOD - walks > max(stands, sits):
@@ -241,13 +241,13 @@ def _look_at_head(person: Person, seen: Tracked, own: Proportions) -> None:
 
 def _approach(person: Person, interval: float, own: Proportions) -> None:
     """Move the body in use toward the believed one, so slowly that a still wearer does not visibly grow."""
-    missing = abs(rest_height(own.believed, HEAD_TOP) - rest_height(own.shown, HEAD_TOP))
+    missing = abs(rest_height(own.believed, HEAD_TOP) - rest_height(own.current, HEAD_TOP))
     known = person.height is not None and not own.released
     most = interval * (MOVING_GROWTH if own.speed > MOVES or known else STILL_GROWTH)
     share = 1 - 2 ** (-interval / QUICK)
     if share * missing > most:
         share = most / missing
-    own.shown = own.shown + share * (own.believed - own.shown)
+    own.current = own.current + share * (own.believed - own.current)
 
 
 def step(person: Person, seen: Tracked, interval: float, own: Proportions) -> None:
@@ -265,9 +265,9 @@ def step(person: Person, seen: Tracked, interval: float, own: Proportions) -> No
             _fit(person, own)
             own.due = 0.0
         if first and is_unknown(person):  # an unknown body begins as the first frame suggests
-            own.shown = own.believed.copy()
+            own.current = own.believed.copy()
     _approach(person, interval, own)
-    stature = rest_height(own.shown, HEAD_TOP)
+    stature = rest_height(own.current, HEAD_TOP)
     arrived = stature < rest_height(own.believed, HEAD_TOP) + MOST_SHRINKING
-    if own.elapsed >= SETTLING and (own.tallest >= 0 or arrived):
+    if own.elapsed >= SHRINK_TIME and (own.tallest >= 0 or arrived):
         own.tallest = max(own.tallest, stature)

@@ -9,8 +9,8 @@ from .ease import Ease
 from .feet import FootState
 from .fit import Fitting
 from .limbs import LIMBS
+from .offset_decay import OffsetDecay
 from .points import BODY, POINTS
-from .settle import Settling
 
 
 def _zeros() -> np.ndarray:
@@ -19,18 +19,18 @@ def _zeros() -> np.ndarray:
 
 @dataclass
 class PoseState:
-    """Of the frame before, as output; places count from base."""
+    """State of the pose after the frame before, as output; positions count from base."""
 
     begun: bool = False
-    placed: bool = False  # a position was measured since motion started
+    has_measured_position: bool = False  # a position was measured since motion started
     had_position: np.ndarray = field(default_factory=lambda: np.zeros(POINTS, bool))
     had_rotation: np.ndarray = field(default_factory=lambda: np.zeros(BODY, bool))
     point: np.ndarray = field(default_factory=lambda: np.zeros((POINTS, 3)))  # m
     rotation: np.ndarray = field(default_factory=lambda: np.tile(np.eye(3), (BODY, 1, 1)))  # world ← joint
     spin: np.ndarray = field(default_factory=lambda: np.zeros((BODY, 3)))  # rad/s, world
     fitting: list[Fitting] = field(default_factory=lambda: [Fitting() for _ in range(BODY)])
-    settling: list[Settling] = field(default_factory=lambda: [Settling() for _ in range(BODY)])
-    unsettled: bool = False  # in the frame before, a point that decides about the whole body came or went
+    offset_decay: list[OffsetDecay] = field(default_factory=lambda: [OffsetDecay() for _ in range(BODY)])
+    sensors_changed: bool = False  # in the frame before, a point that decides about the whole body came or went
     turn: list[Ease] = field(default_factory=lambda: [Ease() for _ in range(BODY)])
     head: Ease = field(default_factory=Ease)
     pelvis: Ease = field(default_factory=Ease)

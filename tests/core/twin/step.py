@@ -56,7 +56,7 @@ class Twin:
         """Complete frame t of an observation."""
         settings, own, floor = self.settings, self.proportions, self.settings.floor
         interval, fresh = interval_of(settings, float(observation.time[t]), self.time)
-        if fresh:  # after a gap nothing that moved is remembered; who the person is stays known
+        if fresh:  # after a gap forget the motion, but keep the person
             self.base = choose_base(observation, t, floor)
             self.memory, self.pose = self._start()
         self.time = float(observation.time[t])
@@ -65,7 +65,7 @@ class Twin:
         if settings.infer:
             mounts.step(self.person, interval, self.mounts, seen)
             proportions.step(self.person, seen, interval, own)
-        seen.rest_offset, seen.deviation = own.shown, own.deviation
+        seen.rest_offset, seen.deviation = own.current, own.deviation
         pose_read(settings, seen, self.pose)
 
         predicted, head = predict(self.tables, seen, self.memory)
@@ -82,5 +82,5 @@ class Twin:
             confidence=confidence,
             bound=bound,
             contact=predicted.contact,
-            rest_offset=own.shown,
+            rest_offset=own.current,
         )

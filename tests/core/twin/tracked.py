@@ -47,7 +47,7 @@ class Tracked:
     has_acceleration: np.ndarray  # (22,) bool
     rest_offset: np.ndarray  # (65, 3) m
     deviation: np.ndarray  # (65,) m
-    stands_in: set[str] = field(default_factory=set)  # limbs whose end is told by other points, unless it is measured
+    stands_in: set[str] = field(default_factory=set)  # limbs whose unmeasured end is replaced by other points
     waning: float = 0.0  # s by which a raised arm that is lost is nearer to be given up
     at_once: bool = False  # a point of the body is seen again, and the settings ease nothing
 
@@ -135,5 +135,5 @@ def place_head(seen: Tracked, before: np.ndarray | None) -> None:
     if seen.has_position[HEAD]:
         return
     start = np.zeros((POINTS, 3)) if before is None else before
-    moved = (seen.position - start)[seen.has_position]
-    seen.position[HEAD] = start[HEAD] + (moved.mean(axis=0) if len(moved) else 0)
+    displacement = (seen.position - start)[seen.has_position]
+    seen.position[HEAD] = start[HEAD] + (displacement.mean(axis=0) if len(displacement) else 0)

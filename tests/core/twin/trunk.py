@@ -41,7 +41,7 @@ def place(body: Body, seen: Tracked, head: np.ndarray) -> None:
 
 
 def _mean_off(body: Body, seen: Tracked, points: np.ndarray) -> np.ndarray:
-    """By how much the body misses measured points on average; 0 if none is measured."""
+    """Return the mean offset from the body to measured points; 0 without measured points."""
     seen_points = points[seen.has_position[points]]
     if not len(seen_points):
         return np.zeros(3)

@@ -36,10 +36,10 @@ const OF_FINGER: ReadonlyMap<string, string> = new Map(
   ]),
 );
 
-/** Reads what is tracked; what is out of sight is absent.
+/** Reader of tracked points; points out of sight are absent.
  *
- * A pose with `emulatedPosition` is the device's guess. Of a point that was ever measured guesses are left out: the
- * core knows better where a hidden hand is. A device that only guesses (or does not say) is believed.
+ * A pose with `emulatedPosition` is the device's guess. Guesses are dropped for points that were
+ * measured before: the core predicts hidden hands better. They are used if the device never measures the point.
  */
 export class HeadsetReader {
   private readonly measured = new Set<string>();
@@ -67,7 +67,7 @@ export class HeadsetReader {
     };
     put("head", frame.getViewerPose(space), DEVICE, LOOKING, HEAD_FROM_EYES);
     for (const { handedness, hand, gripSpace, targetRayMode } of sources) {
-      // A transient pointer is where somebody looks while they pinch, not where a hand is.
+      // A transient pointer follows the gaze during a pinch; it is not the hand's position.
       if (handedness === "none" || targetRayMode === "transient-pointer") continue;
       for (const joint of hand?.values() ?? []) {
         const finger = OF_FINGER.get(joint.jointName);

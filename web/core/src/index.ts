@@ -45,7 +45,7 @@ async function packagedCore(): Promise<BufferSource> {
   return answer.arrayBuffer();
 }
 
-/** A model, and addresses of what a step reads and writes. */
+/** A model, and addresses of a step's inputs and outputs. */
 function opened(memory: Memory, weights: Uint8Array) {
   const { core, take, integers } = memory;
   const version = core.bs_version!();
@@ -139,7 +139,7 @@ function readEstimate({ memory, made }: Opened): Estimate {
   return { rootPosition, rotation, points, measured, confidence, bound, contact, restOffset } as Estimate;
 }
 
-/** Write a person where the core reads one. */
+/** Write a person into the core's memory. */
 function writePerson({ memory, at: model, person: at, index }: Opened, person: Person): void {
   const { lengths = [], mounts = [], restOffset, deviation = new Float64Array(POINTS) } = person;
   if (lengths.length > LENGTHS) throw new Error(`person: ${lengths.length} lengths; give at most ${LENGTHS}`);
@@ -162,7 +162,7 @@ function writePerson({ memory, at: model, person: at, index }: Opened, person: P
   } else memory.check(memory.core.bs_person_likeliest!(model, at), "person");
 }
 
-/** The person whom the core wrote, with what else was known of them. */
+/** Read the person that the core wrote, with its other known measurements. */
 function readPerson({ memory, person: at, index }: Opened, known: Person): Person {
   const height = memory.doubles(at + PERSON.height, 1)[0]!;
   const mounts = (known.mounts ?? []).map((mount) => {

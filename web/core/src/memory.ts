@@ -5,7 +5,7 @@ const [ALIGNMENT, PAGE] = [64, 65536]; // bytes
 export type Core = Record<`bs_${string}`, (...values: number[]) => number> & { memory: WebAssembly.Memory };
 export type Memory = ReturnType<typeof memoryOf>;
 
-/** The memory of a core, of which everything behind its own is given out. */
+/** Allocator of a core's memory, beyond the core's own data. */
 export function memoryOf(core: Core) {
   const free: { at: number; size: number }[] = [];
   const rounded = (size: number): number => Math.ceil(size / ALIGNMENT) * ALIGNMENT;

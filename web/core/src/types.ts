@@ -1,9 +1,9 @@
-/** Plain objects that go in and come out. World frame, +Y up, metres, seconds; quaternions w, x, y, z. */
+/** Plain objects for inputs and outputs. World frame, +Y up, metres, seconds; quaternions w, x, y, z. */
 
 export type Vector = readonly [number, number, number];
 export type Quaternion = readonly [number, number, number, number];
 
-/** A tracked point: a name of `Model.points`, and where it is, how it is turned, or both. */
+/** A tracked point: a name of `Model.points`, and its position, rotation or both. */
 export interface Point {
   readonly name: string;
   readonly position?: Vector | null; // m
@@ -24,25 +24,25 @@ export interface Estimate {
   readonly points: Float64Array; // (65 × 3) m
   readonly measured: Uint8Array; // (65) 1 if a position was tracked
   readonly confidence: Float64Array; // (65) m, expected error
-  readonly bound: Float64Array; // (65) m, within which nine of ten errors are
-  readonly contact: Float64Array; // (4) probability that left ankle, right ankle, left ball and right ball stand
+  readonly bound: Float64Array; // (65) m, nine of ten errors are smaller
+  readonly contact: Float64Array; // (4) probability that left ankle, right ankle, left ball and right ball touch the floor
   readonly restOffset: Float64Array; // (65 × 3) m, the proportions in use
 }
 
 export interface Settings {
   readonly floor: number; // m, height of the floor; 0
-  readonly ease: number; // s in which a point that is seen again is reached; 0.25; 0: at once
-  readonly longestGap: number; // s without frames after which motion starts anew; 1
+  readonly ease: number; // s in which the body reaches a point that is seen again; default 0.25; 0: at once
+  readonly longestGap: number; // s without frames after which the motion restarts; default 1
   readonly first: number; // s, interval of a first frame; 1/30
   readonly longest: number; // s, a longer interval that is no gap counts as this; 0.1
-  readonly holdFeet: boolean; // standing feet are held, and none is under the floor; true
-  readonly infer: boolean; // unknown proportions, and how trackers are worn, are inferred; true
+  readonly holdFeet: boolean; // hold standing feet, and keep feet above the floor; default true
+  readonly infer: boolean; // infer unknown proportions and mountings of trackers; default true
 }
 
 /** A known distance (m, with its standard deviation) between two points of the T-pose. */
 export type Length = Readonly<{ start: string; end: string; value: number; deviation: number }>;
 
-/** How a tracker is worn: T_joint_tracker. Of an inertial sensor (`rotationOnly`) only the rotation is known. */
+/** Mounting of a tracker: T_joint_tracker. For an inertial sensor (`rotationOnly`) only the rotation is known. */
 export type Mount = Readonly<{ joint: string; translation: Vector; rotation: Quaternion; rotationOnly?: boolean }>;
 
 /** A person's known measurements. An empty object is the likeliest adult. */
@@ -67,7 +67,7 @@ export interface Model {
 export interface State {
   /** Complete the next frame; `settings` default to those of the start. Throws the core's message as an Error. */
   step(observation: Observation, settings?: Partial<Settings>): Estimate;
-  /** The person as believed now. */
+  /** The current estimate of the person. */
   person(): Person;
   /** Go on with the same evidence after more became known of the person. */
   update(person: Person): void;

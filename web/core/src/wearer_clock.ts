@@ -1,10 +1,10 @@
-/** The clock of a wearer's frames: it leaps where their motion starts afresh, and shortens pauses that they stood through. */
+/** Clock of a wearer's frames: it jumps if the motion restarts, and shortens pauses in which the wearer stayed. */
 
 import { conjugate, multiply, size, subtract } from "./math.js";
 import type { Point, Quaternion, Vector } from "./types.js";
 
 const PAUSE = 0.5; // s without frames; longer pauses are shortened to this
-const STAYED = { metres: 0.3, degrees: 60 } as const; // a head that moved further is not followed on one path
+const STAYED = { metres: 0.3, degrees: 60 } as const; // a head that moved further in a pause restarts the motion
 
 interface Head {
   readonly position: Vector; // m
@@ -18,13 +18,13 @@ export class WearerClock {
   /** `longestGap`: s, as in the settings of the person's state. */
   constructor(private readonly longestGap = 1) {}
 
-  /** The next frame is of another place. */
+  /** Restart the motion at the next frame. */
   leap(): void {
     this.shift += this.longestGap + 1;
     this.last = null;
   }
 
-  /** The time of a frame, s. `seconds`: the page's clock. */
+  /** Return the time of a frame, s. `seconds`: the page's clock. */
   time(seconds: number, head: Point | undefined): number {
     const seen = head?.position && head.rotation ? { position: head.position, rotation: head.rotation } : null;
     const { last } = this;

@@ -13,7 +13,7 @@ type FillPoses = (spaces: Iterable<XRSpace>, base: XRSpace, transforms: Float32A
 
 const FEATURE = "body-tracking";
 const DEFAULT_HEIGHT = 1.7; // m, of the body for which a device's distance from its joint is known
-const MISNAMED = /-middle-metacarpal$/; // what the specification calls "middle-phalanx-metacarpal"
+const MISNAMED = /-middle-metacarpal$/; // the specification's name is "middle-phalanx-metacarpal"
 
 /** A joint of a tracked body, for `XRFrame.getPose`. */
 export interface XRBodySpace extends XRSpace {
@@ -35,11 +35,11 @@ export interface BodyTrackingOptions {
 }
 
 export interface BodyTracking {
-  /** The wearer as believed now; it is kept from session to session. */
+  /** The current estimate of the wearer, kept across sessions. */
   person(): Person;
-  /** Go on with another wearer, or with more that became known of this one. */
+  /** Continue with another wearer, or with new measurements of this one. */
   update(person: Person): void;
-  /** Take everything back; bodies of running sessions are null from then on. */
+  /** Uninstall the polyfill. Bodies of running sessions are null from then on. */
   uninstall(): void;
 }
 
@@ -132,7 +132,7 @@ export function installBodyTracking(model: Model, options: BodyTrackingOptions =
   };
 }
 
-/** Define a property; what is returned brings back what was there. */
+/** Define a property. Returns a function that restores the previous one. */
 function patched(target: object, name: string, property: PropertyDescriptor): () => void {
   const before = Object.getOwnPropertyDescriptor(target, name);
   Object.defineProperty(target, name, { ...property, configurable: true });
@@ -151,7 +151,7 @@ class BodySpace extends EventTarget {
   }
 }
 
-/** A `Map` that knows the joint that the specification misnames by both of its names. */
+/** A `Map` that finds the joint misnamed in the specification by both names. */
 class Joints extends Map<string, XRBodySpace> {
   override get(name: string): XRBodySpace | undefined {
     return super.get(name.replace(MISNAMED, "-middle-phalanx-metacarpal"));
@@ -193,7 +193,7 @@ class TrackedBody {
     this.state?.update(person);
   }
 
-  /** End; the wearer as believed. */
+  /** End the session and return the estimated wearer. */
   close(): Person {
     const person = this.state?.person() ?? {};
     this.state?.close();
@@ -234,7 +234,7 @@ class TrackedBody {
     const tracked = this.reader.read(frame, this.floor, this.session.inputSources, this.size);
     const points = [...tracked, ...(this.options.points?.(frame, this.floor) ?? [])];
     const head = points.find(({ name }) => name === "head");
-    if (!head) return; // of a body there are all joints or none
+    if (!head) return; // a body has all joints or none
     const body = this.state.step({ time: this.clock.time(time, head), points });
     this.poses = jointPoses(body, this.model.points);
     this.size = heightOf(body.restOffset, this.model.points) / DEFAULT_HEIGHT;

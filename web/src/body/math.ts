@@ -1,4 +1,4 @@
-/** Vectors and wxyz quaternions of one body: the package's, and what the page alone needs. */
+/** Vectors and wxyz quaternions: those of the package, and functions that only the page needs. */
 
 import { add, normalized, scaled, size, subtract, UPRIGHT } from "@bodysense/core/math";
 import type { Quaternion, Vector } from "@bodysense/core";
@@ -37,7 +37,7 @@ export function mixedTurns(a: Float32Array, b: Float32Array, share: number): Flo
   return mixed;
 }
 
-/** Index of the last of `count` increasing values that is not over `most`; 0 where all are, −1 where there are none. */
+/** Index of the last of `count` increasing values that is at most `most`; 0 if all are larger, −1 if `count` is 0. */
 export function lastIndex(count: number, valueAt: (index: number) => number, most: number): number {
   let [low, high] = [0, count - 1];
   while (low < high) {

@@ -1,4 +1,4 @@
-/** The body's tree, and where a pose puts its points. */
+/** The skeleton, and forward kinematics. */
 
 import { add, distance, multiply, quaternionAt, rotate, vectorAt, type Vector } from "./math";
 
@@ -71,7 +71,7 @@ export function restHeight(skeleton: Skeleton): number {
   return high - low;
 }
 
-/** How high the root stands over the lowest point in the rest pose, metres. */
+/** Height of the root above the lowest point in the rest pose, metres. */
 export function rootHeight(skeleton: Skeleton): number {
   return -restRange(skeleton)[0];
 }

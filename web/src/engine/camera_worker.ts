@@ -20,7 +20,7 @@ export type FromCamera =
 const MODEL = "pose_landmarker_full.task";
 let landmarker: PoseLandmarker | null = null;
 
-const tell = (message: FromCamera, given: Transferable[] = []): void => postMessage(message, { transfer: given });
+const send = (message: FromCamera, given: Transferable[] = []): void => postMessage(message, { transfer: given });
 
 async function open(base: string): Promise<void> {
   const at = (name: string): string => new URL(name, base).href;
@@ -33,17 +33,17 @@ async function open(base: string): Promise<void> {
     runningMode: "VIDEO",
     numPoses: 1,
   });
-  tell({ type: "opened" });
+  send({ type: "opened" });
 }
 
 async function look(image: ImageBitmap, milliseconds: number): Promise<void> {
   const result = landmarker?.detectForVideo(image, milliseconds);
   const [world, picture] = [result?.worldLandmarks[0] ?? [], result?.landmarks[0] ?? []];
-  tell({ type: "seen", world, picture, image, milliseconds }, [image]);
+  send({ type: "seen", world, picture, image, milliseconds }, [image]);
 }
 
 addEventListener("message", ({ data }: MessageEvent<ToCamera>) => {
   void (data.type === "open" ? open(data.base) : look(data.picture, data.milliseconds)).catch((error: unknown) =>
-    tell({ type: "failed", reason: error instanceof Error ? error.message : String(error) }),
+    send({ type: "failed", reason: error instanceof Error ? error.message : String(error) }),
   );
 });

@@ -26,7 +26,7 @@ export class Engine {
       };
       this.worker.onerror = () => reject(new Error("This browser cannot run the network; use a newer one."));
     });
-    this.tell({ type: "open", base });
+    this.send({ type: "open", base });
   }
 
   /** How many frames were given and are not answered yet. */
@@ -34,13 +34,13 @@ export class Engine {
     return this.waiting.size;
   }
 
-  tell(message: ToEngine): void {
+  send(message: ToEngine): void {
     this.worker.postMessage(message);
   }
 
   step(observation: Observation): Promise<Step> {
     const id = this.id++;
-    this.tell({ type: "step", id, observation });
+    this.send({ type: "step", id, observation });
     return new Promise((resolve, reject) => {
       this.waiting.set(id, (answer) => (answer instanceof Error ? reject(answer) : resolve(answer)));
     });

@@ -37,7 +37,7 @@ export class Tracker {
   }
 
   /** More is known of the same wearer. */
-  tell(person: Person): void {
+  setPerson(person: Person): void {
     this.state.update(this.known(person));
   }
 

@@ -19,7 +19,7 @@ export type FromEngine =
   | { readonly type: "completed"; readonly id: number; readonly completed: Completed; readonly milliseconds: number }
   | { readonly type: "failed"; readonly id: number | null; readonly reason: string };
 
-const tell = (message: FromEngine): void => postMessage(message);
+const send = (message: FromEngine): void => postMessage(message);
 let tracker: Tracker | null = null;
 let opening: Promise<void> | null = null; // the page asks twice: before its modules run, and when it can listen
 let turn: Promise<void> = Promise.resolve(); // messages are taken one after the other
@@ -36,20 +36,20 @@ async function open(base: string): Promise<void> {
 async function take(message: ToEngine): Promise<void> {
   if (message.type === "open") {
     await (opening ??= open(message.base));
-    tell({ type: "opened" });
+    send({ type: "opened" });
     return;
   }
   if (!tracker) return;
   if (message.type === "start") {
     tracker.holdFeet = message.holdFeet;
     tracker.start(message.person);
-  } else if (message.type === "person") tracker.tell(message.person);
+  } else if (message.type === "person") tracker.setPerson(message.person);
   else if (message.type === "holdFeet") tracker.holdFeet = message.holdFeet;
   else {
     const began = performance.now();
     const completed = tracker.step(message.observation);
     const milliseconds = performance.now() - began;
-    tell({ type: "completed", id: message.id, completed, milliseconds });
+    send({ type: "completed", id: message.id, completed, milliseconds });
   }
 }
 
@@ -58,6 +58,6 @@ addEventListener("message", ({ data }: MessageEvent<ToEngine>) => {
     .then(() => take(data))
     .catch((error: unknown) => {
       const reason = error instanceof Error ? error.message : String(error);
-      tell({ type: "failed", id: data.type === "step" ? data.id : null, reason });
+      send({ type: "failed", id: data.type === "step" ? data.id : null, reason });
     });
 });

@@ -8,9 +8,9 @@ import type { Skeleton } from "../body/skeleton";
 const Z_UP_TO_Y_UP: Quaternion = [Math.SQRT1_2, -Math.SQRT1_2, 0, 0];
 const JOINTS = 52;
 const MOST_FRAMES = 60_000;
-export const AMASS_ARRAYS: readonly string[] = ["poses", "trans", "mocap_framerate", "mocap_frame_rate"]; // what is read of a file
+export const AMASS_ARRAYS: readonly string[] = ["poses", "trans", "mocap_framerate", "mocap_frame_rate"];
 
-/** Throws an Error of a few words where it is no such motion. */
+/** Read a motion of AMASS. Throws an Error of a few words if the arrays do not fit. */
 export function amassClip(archive: Archive, name: string, skeleton: Skeleton): Clip {
   const poses = numbers(archive, "poses", [null, null]);
   const [frames, width] = poses.shape;

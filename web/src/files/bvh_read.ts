@@ -24,16 +24,19 @@ export function readBvh(text: string, name: string): RigMotion {
     .split(/\r?\n/)
     .map((line) => line.trim())
     .filter(Boolean);
-  const said = Number(/^Frames:\s*(\d+)/.exec(lines[0] ?? "")?.[1]);
+  const declared = Number(/^Frames:\s*(\d+)/.exec(lines[0] ?? "")?.[1]);
   const step = Number(/^Frame Time:\s*([\d.eE+-]+)/.exec(lines[1] ?? "")?.[1]);
-  if (!Number.isInteger(said) || !(step > 0))
+  if (!Number.isInteger(declared) || !(step > 0))
     throw new Error(`${name} does not say its frames and their time; export it again.`);
   const rows = lines.slice(2);
-  if (rows.length < said)
-    throw new Error(`${name} was cut short: it says ${said} frames and has ${rows.length}; export it again.`);
-  if (said > MOST_FRAMES) throw new Error(`${name} has ${said} frames; this page takes ${MOST_FRAMES}: cut it.`);
+  if (rows.length < declared)
+    throw new Error(
+      `${name} was cut short: its header says ${declared} frames, but it has ${rows.length}; export it again.`,
+    );
+  if (declared > MOST_FRAMES)
+    throw new Error(`${name} has ${declared} frames; this page takes ${MOST_FRAMES}: cut it.`);
   const width = joints.reduce((sum, { channels }) => sum + channels.length, 0);
-  const frames = rows.slice(0, said).map((row, frame) => {
+  const frames = rows.slice(0, declared).map((row, frame) => {
     const values = row.split(/\s+/).map(Number);
     if (values.length < width || !values.slice(0, width).every(Number.isFinite))
       throw new Error(`${name}: frame ${frame + 1} has no ${width} numbers; export it again.`);
@@ -87,14 +90,14 @@ function poseOf(joints: readonly Joint[], values: readonly number[] | null): Rig
   let at = 0;
   for (const { parent, offset, channels } of joints) {
     let turn: Quaternion = UPRIGHT;
-    let moved: [number, number, number] | null = null;
+    let translation: [number, number, number] | null = null;
     for (const channel of channels) {
       const value = values ? values[at++] : 0;
       const axis = AXES[channel[0]] ?? [0, 1, 0];
       if (channel.endsWith("rotation")) turn = multiply(turn, axisAngle(axis, (value * Math.PI) / 180));
-      else if (values) (moved ??= [0, 0, 0])[axis.indexOf(1)] = value;
+      else if (values) (translation ??= [0, 0, 0])[axis.indexOf(1)] = value;
     }
-    const shift: Vector = moved ?? offset;
+    const shift: Vector = translation ?? offset;
     position.push(parent < 0 ? shift : add(position[parent], rotate(rotation[parent], shift)));
     rotation.push(parent < 0 ? turn : multiply(rotation[parent], turn));
   }

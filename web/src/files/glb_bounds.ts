@@ -9,7 +9,7 @@ const JSON_CHUNK = 0x4e4f534a; // "JSON", little-endian
 const [QUOTE, BACKSLASH] = [0x22, 0x5c];
 const [OPENING, CLOSING] = [new Set([0x5b, 0x7b]), new Set([0x5d, 0x7d])]; // [ {, ] }
 
-/** Throws an Error of one line for a file whose JSON is too long, too deep or has too many nodes. */
+/** Check the size of a file. Throws an Error of one line if its JSON is too long, too deep or has too many nodes. */
 export function refuseHugeGlb(bytes: ArrayBuffer, name: string): void {
   for (const json of jsonChunks(bytes)) {
     if (json.length > LONGEST)
@@ -24,7 +24,7 @@ export function refuseHugeGlb(bytes: ArrayBuffer, name: string): void {
   }
 }
 
-/** Damaged files have none, or a part of them; the loader refuses these. */
+/** Damaged files lack it or a part of it; the loader refuses them. */
 function* jsonChunks(bytes: ArrayBuffer): Generator<Uint8Array> {
   const view = new DataView(bytes);
   for (let at = HEADER; at + CHUNK_HEADER <= bytes.byteLength;) {
@@ -54,6 +54,6 @@ function nodesIn(json: Uint8Array): number {
     const { nodes } = JSON.parse(new TextDecoder().decode(json)) as { nodes?: readonly unknown[] };
     return nodes?.length ?? 0;
   } catch {
-    return 0; // not JSON, which the loader refuses
+    return 0; // not JSON: the loader refuses it
   }
 }

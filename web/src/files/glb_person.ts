@@ -1,4 +1,4 @@
-/** glTF: a person who is no VRM. Joints of common names become a VRM's bones, whatever the rest pose is. */
+/** glTF: a character that is not a VRM. Joints of common names become a VRM's bones, in any rest pose. */
 
 import { VRM, VRMHumanoid, type VRMHumanBones } from "@pixiv/three-vrm";
 import { Box3, Group, type SkinnedMesh } from "three";
@@ -9,7 +9,7 @@ import { boneOf } from "../view/retarget";
 import { namesOf, nodesOf, poseOf } from "./glb_read";
 import { correctionsOf, personJoints } from "./rig";
 
-/** Whether a file holds a figure that stands still, and bones that move it. */
+/** Whether a file holds a figure without motion, and bones that move it. */
 export function isFigure({ scene, animations }: GLTF): boolean {
   let isSkinned = false;
   scene.traverse((node) => (isSkinned ||= (node as Partial<SkinnedMesh>).isSkinnedMesh === true));

@@ -33,7 +33,7 @@ export function rigOfGlb({ scene, animations }: GLTF, name: string): RigMotion {
   };
 }
 
-/** All nodes of a scene, where they rest. */
+/** All nodes of a scene, at rest. */
 export function nodesOf(scene: Object3D): Object3D[] {
   const nodes: Object3D[] = [];
   scene.traverse((node) => nodes.push(node));

@@ -13,7 +13,7 @@ const LARGEST = 2 ** 28; // bytes of one array
 const MOST_NUMBERS = 40_000_000; // of one array: an hour of a whole body
 const MOST_LETTERS = 100_000; // of one array of texts
 
-/** The arrays of an archive, those of these names where some are given. Others are not even unpacked.
+/** Read arrays of an archive: those in `names` if given. Others are not unpacked.
  *
  * Throws an Error of a few words if it is damaged, or if an array holds more than a page should read.
  */
@@ -112,7 +112,7 @@ function readNpy(bytes: ArrayBuffer, title: string): NumpyArray | readonly strin
   return { shape, values: header.includes("'fortran_order': True") ? inRows(values, shape) : values };
 }
 
-/** Values in the order of C, the last index fastest, of some whose first index is fastest. */
+/** Convert values from Fortran order (first index fastest) to C order (last index fastest). */
 function inRows(values: Float64Array, shape: readonly number[]): Float64Array {
   const turned = new Float64Array(values.length);
   const at = shape.map(() => 0);

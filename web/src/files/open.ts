@@ -20,7 +20,7 @@ const GLB_MAGIC = 0x46546c67; // "glTF", little-endian
 const ZIP_MAGIC = 0x04034b50;
 const READ: ReadonlySet<string> = new Set([...AMASS_ARRAYS, ...RECORDING_ARRAYS]);
 
-/** Throws an Error of one line for what the page cannot use. */
+/** Open a file. Throws an Error of one line if the page cannot use it. */
 export async function openFile(
   file: Pick<File, "name" | "size" | "arrayBuffer" | "text">,
   tree: Skeleton,

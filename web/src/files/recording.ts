@@ -1,4 +1,4 @@
-/** Recordings (docs/recording.md): what a device tracked, `.npz` or `.jsonl`. */
+/** Recordings of tracked points (docs/recording.md), `.npz` or `.jsonl`. */
 
 import { quaternionAt, vectorAt, type Quaternion, type Vector } from "../body/math";
 import { numbers, texts, type Archive } from "./npz";
@@ -10,7 +10,7 @@ export const RECORDING_ARRAYS: readonly string[] =
   "format points time position rotation has_position has_rotation accuracy".split(" ");
 const LONGEST_LINE = 65_536; // characters: a frame of a hundred points has a fifth of it
 const MOST_FRAMES = 200_000;
-const WORN: ReadonlySet<string> = new Set(["head", "left_wrist", "right_wrist"]);
+const HEADSET_POINTS: ReadonlySet<string> = new Set(["head", "left_wrist", "right_wrist"]);
 
 /** Return the frames of a .npz recording. Throws an Error of a few words for other archives. */
 export function recordingOf(archive: Archive): Observation[] {
@@ -22,20 +22,20 @@ export function recordingOf(archive: Archive): Observation[] {
   if (T > MOST_FRAMES) throw new Error(`it has ${T} frames; this page takes ${MOST_FRAMES}: cut it`);
   const position = numbers(archive, "position", [T, P, 3]).values;
   const rotation = numbers(archive, "rotation", [T, P, 4]).values;
-  const placed = numbers(archive, "has_position", [T, P]).values;
-  const turned = numbers(archive, "has_rotation", [T, P]).values;
+  const hasPosition = numbers(archive, "has_position", [T, P]).values;
+  const hasRotation = numbers(archive, "has_rotation", [T, P]).values;
   const accuracy = archive.has("accuracy") ? numbers(archive, "accuracy", [T, P]).values : null;
   return checked(
     Array.from(time, (seconds, frame) => ({
       time: seconds,
       points: points.flatMap((name, p): Point[] => {
         const k = frame * P + p;
-        if (!placed[k] && !turned[k]) return [];
+        if (!hasPosition[k] && !hasRotation[k]) return [];
         return [
           {
             name,
-            position: placed[k] ? vectorAt(position, k) : null,
-            rotation: turned[k] ? quaternionAt(rotation, k) : null,
+            position: hasPosition[k] ? vectorAt(position, k) : null,
+            rotation: hasRotation[k] ? quaternionAt(rotation, k) : null,
             accuracy: accuracy?.[k] ?? usual(name),
           },
         ];
@@ -53,7 +53,7 @@ export function recordingOfLines(text: string): Observation[] {
     throw new Error(`it has ${lines.length} frames; this page takes ${MOST_FRAMES}: cut it`);
   const rows = lines.flatMap((line, k) => (line.trim() ? [object(line, k + 1)] : []));
   if (rows[0]?.["format"] !== FORMAT) throw new Error(`its first line is no header with the format ${FORMAT}`);
-  const told = record(rows[0]["accuracy"]);
+  const accuracies = record(rows[0]["accuracy"]);
   return checked(
     rows.slice(1).map((row, frame): Observation => {
       const { time } = row;
@@ -66,7 +66,7 @@ export function recordingOfLines(text: string): Observation[] {
           name,
           position: list(position[name], 3, frame) as Vector | null,
           rotation: list(rotation[name], 4, frame) as Quaternion | null,
-          accuracy: Number(own[name] ?? told[name] ?? usual(name)),
+          accuracy: Number(own[name] ?? accuracies[name] ?? usual(name)),
         })),
       };
     }),
@@ -81,7 +81,7 @@ function checked(frames: Observation[]): Observation[] {
 }
 
 function usual(name: string): number {
-  return WORN.has(name) ? ACCURACY.headset : ACCURACY.tracker;
+  return HEADSET_POINTS.has(name) ? ACCURACY.headset : ACCURACY.tracker;
 }
 
 function object(line: string, number: number): Record<string, unknown> {

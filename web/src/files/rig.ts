@@ -22,7 +22,7 @@ import {
 } from "../body/math";
 import { place, restOf, type Skeleton } from "../body/skeleton";
 
-/** A rig in world axes: where its joints are and how they are turned, at rest and in every frame. */
+/** A rig in world axes: positions and rotations of its joints, at rest and in every frame. */
 export interface RigMotion {
   readonly name: string;
   readonly joints: readonly string[];
@@ -62,9 +62,9 @@ const NEEDED = [
 ];
 const UNITS = [1, 0.01, 0.001, 0.0254, 0.3048, 0.0564] as const; // m
 const LEG = { least: 0.55, usual: 0.82, most: 1.1 } as const; // m
-const UPRIGHT_SHARE = 0.15; // of the frames in which a person is upright, at least
+const UPRIGHT_SHARE = 0.15; // minimum share of frames in which a person is upright
 const [STANDING, LYING] = [0.8, 0.4]; // how far up a spine points
-const [ALONG, ACROSS] = [0.7, 0.6]; // cosines of what points the same way, and of what stands across
+const [ALONG, ACROSS] = [0.7, 0.6]; // cosines: at least the first is parallel, at most the second is perpendicular
 const LEVEL = 0.35; // of a leg's length: what stands on one floor
 const SOLE = 0.05; // m: the share of the frames in which the feet are that low does not matter
 
@@ -236,7 +236,7 @@ export function correctionsOf(rest: RigPose, joints: ReadonlyMap<string, number>
   return corrections;
 }
 
-/** The axes of a standing body, from where its joints are. */
+/** The axes of a standing body, from the positions of its joints. */
 function facingOf(at: (joint: string) => Vector): Quaternion {
   const y = unit(subtract(at("head"), at("pelvis")));
   const z = unit(cross(unit(subtract(at("left_hip"), at("right_hip"))), y));
@@ -249,7 +249,7 @@ function nextOf(name: string, { points, parents }: Skeleton): number {
   return children.find((point) => points[point].endsWith("middle1")) ?? children[0] ?? -1;
 }
 
-/** Whether a rest pose stands along +Y, and most frames do not. */
+/** Whether a rest pose is upright along +Y while most frames are not. */
 function isLying({ rest, frames }: RigMotion, at: Placing): boolean {
   const up = (pose: RigPose): number => spineOf(pose, at)[1];
   return up(rest) > STANDING && frames.filter((pose) => Math.abs(up(pose)) < LYING).length > frames.length / 2;
@@ -272,7 +272,7 @@ function levelled(rig: RigMotion, at: Placing): RigMotion {
   return { ...rig, rest: turned(rig.rest), frames: rig.frames.map(turned) };
 }
 
-/** The mean length of two legs, from where their joints rest. */
+/** The mean length of two legs at rest. */
 function legOf(at: (joint: string) => Vector): number {
   const length = (side: string): number =>
     distance(at(`${side}_hip`), at(`${side}_knee`)) + distance(at(`${side}_knee`), at(`${side}_ankle`));

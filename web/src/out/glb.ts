@@ -34,7 +34,7 @@ interface Writing {
 
 export function glbBytes(skeleton: Skeleton, motion: Motion): Promise<ArrayBuffer> {
   const { body, mesh } = figure(skeleton);
-  // The mesh is a root of its own: where a skin is, its node's place counts for nothing, and validators warn.
+  // The mesh is a separate root: the transform of a skinned node is ignored, and validators warn about it.
   return written(new GLTFExporter(), [body, mesh], [[animation(skeleton, motion)], []]);
 }
 
@@ -71,7 +71,7 @@ function bonesOf({ points, parents, restOffset }: Skeleton): Bone[] {
   return bones;
 }
 
-/** A capsule from a place along an offset, which follows one bone. */
+/** A capsule from `place` along an offset, skinned to one bone. */
 function capsule(from: Vector3, offset: Vector3, bone: number): BufferGeometry | null {
   const length = offset.length();
   if (length < 0.005) return null;

@@ -1,4 +1,4 @@
-/** Downloads: what the timeline holds, as BVH, glTF or VRMA. */
+/** Downloads of the timeline or a take, as BVH, glTF or VRMA. */
 
 import { withOffsets, type Skeleton } from "../body/skeleton";
 import type { BodyFrame } from "../history";

@@ -1,4 +1,4 @@
-/** A bridge: whole bodies go to a server of bodysense, which hands them to programs that a page cannot reach. */
+/** Bridge: sends whole bodies to a bodysense server, which passes them to programs that a page cannot reach. */
 
 import type { Body, Skeleton } from "../body/skeleton";
 import { quaternionAt, vectorAt } from "../body/math";
@@ -10,7 +10,7 @@ const EXAMPLE = "ws://127.0.0.1:8765/?token=…";
 export interface BridgeEvents {
   /** It takes bodies; by this session others watch them. */
   opened(session: Resume): void;
-  /** It does not; `isOver` where it refused, and nothing is tried again. */
+  /** The bridge is unreachable. `isOver`: it refused, so the page does not try again. */
   lost(reason: string, isOver: boolean): void;
 }
 
@@ -57,7 +57,7 @@ export class Bridge {
         lost: (reason, retryIn) => {
           if (retryIn === null) events.lost(`The bridge refused: ${reason}`, true);
           else {
-            events.lost("No bridge answers there; it is asked again and again.", false);
+            events.lost("No bridge answers there; the page keeps trying.", false);
             if (!this.wasWelcome) void this.askWhy();
           }
         },
@@ -66,7 +66,7 @@ export class Bridge {
     this.connection.open();
   }
 
-  /** Send a body as of `time` s; dropped where the line is slow or not open. */
+  /** Send a body as of `time` s; dropped if the connection is slow or not open. */
   send(time: number, { position, rotation }: Body): void {
     const points = Array.from({ length: this.skeleton.joints }, (_, point) => ({
       point,
@@ -81,7 +81,7 @@ export class Bridge {
     this.connection.close();
   }
 
-  /** A browser does not tell a wrong token from a bridge that is not there; a plain request does. */
+  /** Distinguish a wrong token from a missing bridge by a plain request: a WebSocket reports no reason. */
   private async askWhy(): Promise<void> {
     if (this.isAsking) return;
     this.isAsking = true;

@@ -22,7 +22,7 @@ export interface ConnectionEvents {
   pose?(frame: PoseFrame): void;
   truth?(frame: PoseFrame): void;
   message?(message: Exclude<ServerMessage, Welcome>): void;
-  /** `retryIn` is null where the server refused for a reason and the page waits for the person. */
+  /** `retryIn`: null if the server refused with a reason, so that only the user can retry. */
   lost(reason: string, retryIn: number | null): void;
 }
 
@@ -39,7 +39,7 @@ export class Connection {
     private readonly events: ConnectionEvents,
   ) {}
 
-  /** Open, or open anew with what `hello` says now. */
+  /** Open, or reopen with the current `hello`. */
   open(): void {
     this.close();
     this.refusal = null;
@@ -65,11 +65,11 @@ export class Connection {
     return this.points > 0;
   }
 
-  tell(message: ClientMessage): void {
+  send(message: ClientMessage): void {
     if (this.isReady) this.socket?.send(JSON.stringify(message));
   }
 
-  /** Send a signal; false where it was dropped because the line is slow or not open. */
+  /** Send a signal. Returns false if it was dropped because the connection is slow or not open. */
   signal(frame: SignalFrame): boolean {
     if (!this.isReady || !this.socket || this.socket.bufferedAmount > BACKLOG) return false;
     this.socket.send(writeSignal(frame));

@@ -15,7 +15,7 @@ import {
 
 /** A point of a signal frame: by its place in the hello, in the signal's own world.
  *
- * If its accuracy is left out or 0, the server assumes what is usual for such a point.
+ * If its accuracy is left out or 0, the server assumes the usual accuracy of such a point.
  */
 export type SignalPoint = Omit<Point, "name"> & { readonly point: number };
 
@@ -37,7 +37,7 @@ export interface PoseFrame {
   rotation: Float32Array;
   /** (points) m; null in a truth. */
   expectedError: Float32Array | null;
-  /** (points) 0 … 255, the probability that a point was hidden: 255 where it was not measured; null in a truth. */
+  /** (points) 0 … 255, the probability that a point was hidden: 255 if it was not measured; null in a true body. */
   hidden: Uint8Array | null;
   /** Spent in the server. */
   microseconds: number;

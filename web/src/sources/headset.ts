@@ -1,8 +1,8 @@
-/** A headset by WebXR: what it tracks goes to the engine, and the wearer sees their body in a mirror. */
+/** A WebXR headset: its tracked points go to the engine, and the wearer sees their body in a mirror. */
 
 import { HeadsetReader, WearerClock } from "@bodysense/core/webxr";
 import { Matrix4, Quaternion, Vector3 } from "three";
-import { AS_IT_IS, placed, placedBy, type Placement } from "./placement";
+import { UNMOVED, applyPlacement, placementAt, type Placement } from "./placement";
 import type { Quaternion as Turn, Vector } from "../body/math";
 import type { Observation } from "../body/observation";
 import { restHeight, restPoint } from "../body/skeleton";
@@ -13,9 +13,10 @@ import type { VrMenu } from "../view/vr_menu";
 import type { Source } from "./source";
 
 export interface HeadsetEvents {
-  /** One frame, as it goes to the engine. */
+  /** One frame was tracked; the engine gets the same. */
   tracked(observation: Observation): void;
-  left(wasAsked: boolean): void;
+  /** The session ended; `wasRequested`: by the page, not by the headset. */
+  left(wasRequested: boolean): void;
 }
 
 export type Immersion = "immersive-vr" | "immersive-ar";
@@ -38,17 +39,17 @@ export class Headset implements Source {
   readonly guide =
     "Put the headset on: a menu stands beside the mirror. Measure me comes first; a take stays when you leave.";
   readonly sensors = ["head", "left_wrist", "right_wrist"];
-  isMirrorShown = true;
+  isMirrorVisible = true;
   isSeated = false;
   private readonly mirror = new Mirror();
   private reader = new HeadsetReader();
-  private placement: Placement = AS_IT_IS;
-  private isPlaced = false;
+  private placement: Placement = UNMOVED;
+  private hasPlacement = false;
   private readonly clock = new WearerClock();
   private session: XRSession | null = null;
-  private wasAsked = false;
-  private seat = 0; // m: how far somebody who sits is raised to standing
-  private lift = 0; // m: how far they are raised now, less when they get up
+  private wasRequested = false;
+  private seatedLift = 0; // m: lift that raises a seated wearer to standing height
+  private lift = 0; // m: current lift; it shrinks when the wearer gets up
 
   constructor(
     private readonly view: View,
@@ -59,11 +60,11 @@ export class Headset implements Source {
     view.scene.add(this.mirror.frame, menu.board);
   }
 
-  get isWorn(): boolean {
+  get isActive(): boolean {
     return this.session !== null;
   }
 
-  /** From a click: in VR, or in the wearer's own room. Throws an Error of one line where the headset refuses. */
+  /** Enter VR or the wearer's own room; call it from a click. Throws an Error of one line if the headset refuses. */
   async enter(mode: Immersion): Promise<void> {
     const options = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"] };
     const session = await navigator.xr?.requestSession(mode, options).catch((error: unknown) => {
@@ -77,7 +78,7 @@ export class Headset implements Source {
       throw new Error("This device is held, not worn: open the page in a headset's browser to see your room.");
     }
     this.view.showRoom(mode === "immersive-ar");
-    this.wasAsked = this.isPlaced = false;
+    this.wasRequested = this.hasPlacement = false;
     this.reader = new HeadsetReader();
     session.addEventListener("end", () => this.leave());
     session.addEventListener("select", (event) => this.select(event));
@@ -88,9 +89,9 @@ export class Headset implements Source {
     this.view.stage.matrixAutoUpdate = false;
   }
 
-  /** The wearer stands in the middle and faces the front from the next frame on. */
+  /** Place the wearer in the middle, facing the front, from the next frame on. */
   recentre(): void {
-    this.isPlaced = false;
+    this.hasPlacement = false;
   }
 
   /** Raise a seated wearer to standing head height from the next frame on; false: do not. */
@@ -99,9 +100,9 @@ export class Headset implements Source {
     this.recentre();
   }
 
-  showMirror(isShown: boolean): void {
-    this.isMirrorShown = isShown;
-    this.mirror.frame.visible = this.view.stage.visible = isShown;
+  showMirror(isVisible: boolean): void {
+    this.isMirrorVisible = isVisible;
+    this.mirror.frame.visible = this.view.stage.visible = isVisible;
   }
 
   frame(milliseconds: number, frame?: XRFrame): void {
@@ -111,25 +112,25 @@ export class Headset implements Source {
     const points = this.reader.read(frame, space, this.session.inputSources, size);
     const head = points.find(({ name }) => name === "head");
     if (head?.position && head.rotation) {
-      if (!this.isPlaced) this.place(head.position, head.rotation, frame.getViewerPose(space));
-      this.raise(Math.min(this.seat, Math.max(this.standingHead() - head.position[1], 0)));
+      if (!this.hasPlacement) this.place(head.position, head.rotation, frame.getViewerPose(space));
+      this.raise(Math.min(this.seatedLift, Math.max(this.standingHead() - head.position[1], 0)));
     }
     if (points.length > 0) {
       const time = this.clock.time(milliseconds / 1000, head);
-      this.events.tracked({ time, points: placed(points, this.placement) });
+      this.events.tracked({ time, points: applyPlacement(points, this.placement) });
     }
     this.menu.point(this.rays(frame, space));
   }
 
-  /** End the session, as the person asked. */
+  /** End the session at the user's request. */
   stop(): void {
-    this.wasAsked = true;
+    this.wasRequested = true;
     void this.session?.end().catch(() => undefined); // it may have ended by itself
   }
 
   private place(position: Vector, rotation: Turn, viewer: XRViewerPose | undefined): void {
-    this.lift = this.seat = this.isSeated ? Math.max(this.standingHead() - position[1], 0) : 0;
-    this.placement = placedBy(position, rotation, this.lift);
+    this.lift = this.seatedLift = this.isSeated ? Math.max(this.standingHead() - position[1], 0) : 0;
+    this.placement = placementAt(position, rotation, this.lift);
     if (viewer) {
       const { position: p, orientation: q } = viewer.transform;
       this.mirror.standBefore([p.x, p.y, p.z], [q.w, q.x, q.y, q.z]);
@@ -138,7 +139,7 @@ export class Headset implements Source {
     }
     this.menu.standBeside(this.mirror.frame);
     this.mirrorStage();
-    this.isPlaced = true;
+    this.hasPlacement = true;
     this.clock.leap();
   }
 
@@ -151,7 +152,7 @@ export class Headset implements Source {
     this.mirrorStage();
   }
 
-  /** The stage behind the mirror, by where the wearer was placed. */
+  /** Move the stage behind the mirror, by the wearer's placement. */
   private mirrorStage(): void {
     const [w, x, y, z] = this.placement.turn;
     const toBody = new Matrix4().compose(
@@ -179,7 +180,7 @@ export class Headset implements Source {
     if (pose) this.menu.press(new Matrix4().fromArray(pose.transform.matrix));
   }
 
-  /** How high the head joint of the body that is shown stands, m. */
+  /** Height of the head joint of the displayed body when standing, m. */
   private standingHead(): number {
     return restPoint(this.live.tree, "head")[1];
   }
@@ -192,6 +193,6 @@ export class Headset implements Source {
     this.view.stage.matrixAutoUpdate = true;
     this.view.floorAt(0);
     this.view.reset();
-    this.events.left(this.wasAsked);
+    this.events.left(this.wasRequested);
   }
 }

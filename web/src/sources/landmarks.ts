@@ -1,7 +1,7 @@
 /** A person's landmarks in a picture as points of the body (bodysense.devices.video.landmark_points).
  *
- * Landmarks come from a picture: their directions are good, their lengths are guesses. So every limb is laid along its
- * landmarks with the body's own bones, from the pelvis outward. Where the body is follows from where it is seen.
+ * Landmarks come from a picture: their directions are reliable, their lengths are not. Each limb is laid along its
+ * landmarks with the body's own bones, from the pelvis outward. The body's position follows from its place in the picture.
  */
 
 import { Matrix3, Vector3 } from "three";
@@ -33,8 +33,8 @@ const MARKS = { nose: 0, left_ear: 7, right_ear: 8 } as const;
 const SIDES = ["left", "right"] as const;
 const PARTS = ["shoulder", "elbow", "wrist", "pinky", "index", "thumb", "hip", "knee", "ankle", "heel", "toe"] as const;
 const VISIBLE = 0.5; // probability from which a landmark counts as seen
-const NEAR = 0.3; // m from the camera: nobody comes nearer
-const UNSEEN_LEGS = 3; // times as far off is a body whose legs are not seen
+const NEAR = 0.3; // m, smallest distance of a person from the camera
+const UNSEEN_LEGS = 3; // factor on the distance of a body whose legs are hidden
 const PULL = { shoulder: 1, hip: 1, elbow: 0.3, wrist: 0.3, knee: 0.3, ankle: 0.3 } as const; // weights of landmarks
 // that place the body: directions of limbs are less sure than the trunk's
 const FOLLOWED = 0.1; // s: half-life of the smoothing of the place
@@ -77,7 +77,7 @@ class Laid {
  * the proportions of the moment.
  */
 export class LandmarkPoints {
-  private begun: number | null = null; // the z at which the person was first seen, in heights of the pelvis
+  private begun: number | null = null; // z of the first view of the person, in pelvis heights
   private floor: number | null = null; // the floor's height next to the camera's, in heights of the pelvis
   private readonly place = new SteadyPlace(); // of the pelvis before the camera, in its height at rest
 
@@ -172,7 +172,7 @@ function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
       const isSeen = Math.min(seen[mark(side, start)], seen[mark(side, end)]) >= VISIBLE;
       const isArm = start === "shoulder" || start === "elbow";
       const direction = subtract(world[mark(side, end)], world[mark(side, start)]);
-      const along = isSeen || isArm ? scaled(unit(direction), size(bone)) : rotate(heading, bone); // an unseen leg stands
+      const along = isSeen || isArm ? scaled(unit(direction), size(bone)) : rotate(heading, bone); // hidden legs stand straight
       laid.put(last, add(laid.at(first), along), Math.min(laid.visible(first), seen[mark(side, end)]));
     }
     layBall(side, rest, laid);
@@ -204,7 +204,7 @@ function handOf(side: (typeof SIDES)[number], world: readonly Vector[]): Quatern
   return fromAxes(x, y, cross(x, y));
 }
 
-/** Where the pelvis is in the camera's axes, so that joints are seen where the landmarks are: least squares. */
+/** Fit the pelvis position in the camera's axes so that joints project onto the landmarks (least squares). */
 function located(laid: Laid, { picture, visible }: Landmarks, focal: number): Vector {
   const normal = new Matrix3(0, 0, 0, 0, 0, 0, 0, 0, 0);
   const right = new Vector3();

@@ -1,4 +1,4 @@
-/** How the world of a device is moved into the body's: body = Ry(heading) · device + offset. */
+/** Transformation from a device's world to the body's: body = Ry(heading) · device + offset. */
 
 import { add, conjugate, heading, multiply, rotate, type Quaternion, type Vector } from "../body/math";
 import type { Point } from "../body/observation";
@@ -8,16 +8,17 @@ export interface Placement {
   readonly offset: Vector; // m
 }
 
-export const AS_IT_IS: Placement = { turn: [1, 0, 0, 0], offset: [0, 0, 0] };
+export const UNMOVED: Placement = { turn: [1, 0, 0, 0], offset: [0, 0, 0] };
 
-/** Where a head (our joint, its T-pose facing +Z) is the middle and faces +Z, raised by `lift` m. */
-export function placedBy(position: Vector, rotation: Quaternion, lift = 0): Placement {
+/** Return the placement that puts a head in the middle, facing +Z, raised by `lift` m. */
+export function placementAt(position: Vector, rotation: Quaternion, lift = 0): Placement {
   const turn = conjugate(heading(rotation));
   const [x, , z] = rotate(turn, position);
   return { turn, offset: [-x, lift, -z] };
 }
 
-export function placed(points: readonly Point[], { turn, offset }: Placement): Point[] {
+/** Transform points into the body's world. */
+export function applyPlacement(points: readonly Point[], { turn, offset }: Placement): Point[] {
   return points.map((point) => ({
     ...point,
     position: point.position ? add(rotate(turn, point.position), offset) : null,

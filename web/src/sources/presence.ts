@@ -7,7 +7,7 @@ export class Presence {
   private missed = 0; // pictures since the last one with a person
   private last = 0; // ms, of that one
 
-  /** Whether somebody is there, after a picture that shows them or not. */
+  /** Return whether a person is present, given whether the last picture shows one. */
   look(isSeen: boolean, milliseconds: number): boolean {
     if (isSeen) {
       this.isThere = true;

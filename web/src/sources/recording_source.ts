@@ -1,4 +1,4 @@
-/** A recording of what a device tracked, played at its own pace. */
+/** A recording of tracked points, played at its own speed. */
 
 import { lastIndex } from "../body/math";
 import type { Observation } from "../body/observation";
@@ -7,7 +7,7 @@ import { Rounds } from "./rounds";
 import type { Source } from "./source";
 
 export class RecordingSource implements Source {
-  readonly guide = "What the device tracked is completed anew; under Settings parts of it can be switched off.";
+  readonly guide = "The recorded points are completed again. Settings can switch some of them off.";
   readonly rounds: Rounds;
   private last = ""; // round and index of the frame that was given last
 

@@ -1,7 +1,7 @@
 /** The clock of a motion: it plays, repeats, pauses and jumps. */
 
-const REST = 2; // s that a jump takes on the clock of observations, after which motion starts afresh
-const LONGEST = 1; // s that one picture advances: a page that was hidden goes on where it was
+const REST = 2; // s added to observation times at a jump, so that the tracker restarts the motion
+const LONGEST = 1; // s that one picture advances at most: a hidden page resumes at its last frame
 const EARLY = 1e-3; // s: rounding of times
 const STILL = 1; // s that a single frame takes
 
@@ -10,7 +10,7 @@ export class Rounds {
   repeats = true;
   time = 0; // s, in the motion
   readonly length: number; // s
-  from = 0; // s: where this round began, in the motion
+  from = 0; // s: start of this round, in the motion
   number = 0; // of the round; every jump begins one
   private begun = 0; // s: the clock of observations when the motion's time is 0
   private before: number | null = null; // ms

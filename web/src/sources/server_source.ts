@@ -1,4 +1,4 @@
-/** A server of bodysense: what it tracks is watched here, completed by it. */
+/** A bodysense server whose completed bodies are displayed here. */
 
 import { axisAngle } from "../body/math";
 import type { Point } from "../body/observation";
@@ -7,22 +7,23 @@ import type { History } from "../history";
 import type { Calibrate, Recentre, Resume, Settings, Source as Input, Welcome } from "../protocol";
 import { Connection, socketAddress } from "../server/connection";
 import type { PoseFrame, SignalFrame } from "../server/frames";
-import { AS_IT_IS, placed, type Placement } from "./placement";
+import { UNMOVED, applyPlacement, type Placement } from "./placement";
 
 /** One of the server's own inputs, or the session of another client; null: the first of the inputs. */
 export type Watched = { readonly watch: Input } | { readonly follow: Resume } | null;
 
 export interface ServerEvents {
-  /** The connection is there again. */
+  /** The connection is open again. */
   connected?(): void;
-  /** The first body of this input is there. */
+  /** The first body of this input arrived. */
   came(): void;
   /** The server has no input of its own. */
   empty?(): void;
-  said?(text: string): void;
+  /** The server sent a line for the user to read. */
+  notified?(text: string): void;
   /** The server has more inputs than the one that is watched. */
   others?(inputs: readonly Input[]): void;
-  /** `again` where the page waits for the person. */
+  /** The connection is lost; `again`: only the user can retry. */
   lost(reason: string, again: boolean): void;
 }
 
@@ -34,12 +35,12 @@ export class ServerSource {
   title = WATCHING;
   sensors: readonly string[] = [];
   private readonly connection: Connection;
-  private signal: SignalFrame | null = null; // signal and truth come right before the pose that answers them
+  private signal: SignalFrame | null = null; // signal and truth arrive right before their pose
   private truth: PoseFrame | null = null;
   skeleton: Skeleton | null = null;
-  private heard: number | null = null; // ms, of the page's clock: the last body
+  private heard: number | null = null; // ms, on the page's clock: arrival of the last body
   private welcome: Welcome | null = null;
-  private placement: Placement = AS_IT_IS;
+  private placement: Placement = UNMOVED;
 
   constructor(
     address: string,
@@ -67,7 +68,7 @@ export class ServerSource {
             this.placement = { turn: axisAngle([0, 1, 0], message.heading), offset: message.offset };
           else if (message.type === "proportions" && this.skeleton)
             this.skeleton = withOffsets(this.skeleton, Float32Array.from(message.rest_offset.flat()));
-          else if (message.type === "said") this.events.said?.(message.text);
+          else if (message.type === "said") this.events.notified?.(message.text);
           else if (message.type === "error") this.events.lost(message.reason, true);
         },
         lost: (reason, retryIn) => {
@@ -79,7 +80,7 @@ export class ServerSource {
     this.connection.open();
   }
 
-  /** Whether bodies came, and come no more. */
+  /** Whether bodies arrived before but no longer do. */
   get isSilent(): boolean {
     return this.heard !== null && performance.now() - this.heard > SILENT;
   }
@@ -92,16 +93,16 @@ export class ServerSource {
     this.connection.open();
   }
 
-  /** Change settings of the session that is watched; another client's are its own. */
-  tell(change: Partial<Settings>): void {
+  /** Change settings of the watched session; no effect on another client's session. */
+  updateSettings(change: Partial<Settings>): void {
     if (this.watched && "follow" in this.watched) return;
-    this.connection.tell({ type: "settings", ...change });
+    this.connection.send({ type: "settings", ...change });
   }
 
-  /** Ask something of the session that is watched; false if it is another client's. */
+  /** Send a request to the watched session. Returns false for another client's session. */
   ask(message: Recentre | Calibrate): boolean {
     if (this.watched && "follow" in this.watched) return false;
-    this.connection.tell(message);
+    this.connection.send(message);
     return true;
   }
 
@@ -110,7 +111,7 @@ export class ServerSource {
     if (this.watched === null && offered !== undefined) {
       this.watched = { watch: offered };
       this.events.others?.(others);
-      this.connection.open(); // hello again, with what there is to be watched
+      this.connection.open(); // say hello again, now naming an input
       return;
     }
     this.welcome = message;
@@ -145,6 +146,6 @@ export class ServerSource {
   /** The signal's points in the body's world. */
   private pointsOf({ points }: SignalFrame): Point[] {
     const named = points.map(({ point, ...seen }) => ({ ...seen, name: this.sensors[point] ?? "", accuracy: 0 }));
-    return placed(named, this.placement);
+    return applyPlacement(named, this.placement);
   }
 }

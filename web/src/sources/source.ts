@@ -2,8 +2,8 @@
 
 export interface Source {
   readonly title: string; // for the person
-  readonly guide?: string | undefined; // what the person does now, in one line
-  readonly isYou?: boolean; // tracks the person at this page, who may be measured
+  readonly guide?: string | undefined; // instruction for the user, one line
+  readonly isYou?: boolean; // tracks the user of this page, so measuring is possible
   readonly sensors: readonly string[]; // points that it tracks, as far as they are known
   /** Once a picture, at `milliseconds` of the page's clock. */
   frame?(milliseconds: number, frame?: XRFrame): void;

@@ -1,4 +1,4 @@
-/** A take that is looked at: the part of it that counts, again and again. */
+/** A take played in a loop, from the start to the end of its cut. */
 
 import type { Playback } from "../playback";
 import { partOf, type Take } from "../takes";
@@ -18,7 +18,7 @@ export class TakeSource implements Source {
     return this.take().name;
   }
 
-  /** Begin again where the part is over. */
+  /** Restart at the end of the cut. */
   frame(): void {
     const { playback } = this;
     const [from, to] = partOf(this.take());

@@ -3,14 +3,14 @@
 import { Group, type Object3D } from "three";
 import { History } from "../history";
 import type { Resume } from "../protocol";
-import { Bodies, type Shown } from "../view/bodies";
+import { Bodies, type DisplaySettings } from "../view/bodies";
 import { ServerSource, type ServerEvents, type Watched } from "./server_source";
 import type { Source } from "./source";
 
 const APART = 1.1; // m between two wearers
-const LOOK: Shown = { figure: "figure", colouring: "plain", truth: false, signal: false, ghosts: false };
+const LOOK: DisplaySettings = { figure: "figure", colouring: "plain", truth: false, signal: false, ghosts: false };
 
-/** Sessions that a link names, `#watch=SESSION:TOKEN,…`. */
+/** Return the sessions named in a link, `#watch=SESSION:TOKEN,…`. */
 export function followedBy(hash: string): readonly Resume[] {
   const named = new URLSearchParams(hash.replace(/^#/, "")).get("watch") ?? "";
   return named
@@ -19,11 +19,12 @@ export function followedBy(hash: string): readonly Resume[] {
     .flatMap(([session, token]) => (session && token ? [{ session, token }] : []));
 }
 
-/** The link's end by which others watch a session. */
+/** Return the hash of a link that lets others watch a session. */
 export function watchHash({ session, token }: Resume): string {
   return `#watch=${session}:${token}`;
 }
 
+/** A further wearer next to the first. */
 class Companion {
   private readonly place = new Group();
   private readonly history = new History(2);
@@ -64,11 +65,12 @@ class Companion {
   }
 }
 
+/** All watched wearers of a server. */
 export class Watching implements Source {
   readonly first: ServerSource;
   private companions: Companion[] = [];
 
-  /** `followed`: sessions of others; without any the server's own inputs. */
+  /** `followed`: sessions of other clients; empty: the server's own inputs. */
   constructor(
     private readonly address: string,
     history: History,
@@ -110,7 +112,7 @@ export class Watching implements Source {
         new Companion(this.address, watched, number, this.stage, this.events.came, (companion, reason) => {
           companion.stop();
           this.companions = this.companions.filter((other) => other !== companion);
-          this.events.said?.(`One wearer is gone: ${reason}.`);
+          this.events.notified?.(`One wearer is gone: ${reason}.`);
         }),
       );
     }

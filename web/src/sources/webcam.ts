@@ -10,8 +10,8 @@ import type { Source } from "./source";
 
 const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as webcams usually have it
 const CALM = 0.05; // s: half-life of the smoothing of landmarks
-const LONELY = 4; // s without a person after which the page says so
-const LOADING = "Loading what finds people: 23 MB, once …";
+const LONELY = 4; // s without a person before the page reports it
+const LOADING = "Loading the person detector: 23 MB, once …";
 const NOBODY = "Looking for you …";
 const REFUSALS: Readonly<Record<string, string>> = {
   NotAllowedError:
@@ -20,7 +20,7 @@ const REFUSALS: Readonly<Record<string, string>> = {
   NotReadableError: "The webcam is used by another program: close that one, and press Webcam again.",
 };
 
-/** Open the webcam. Throws an Error of one line that says what is missing. */
+/** Open the webcam. Throws an Error of one line that names the missing part. */
 export async function openWebcam(base: string, live: Live, say: (text: string) => void): Promise<Source> {
   if (!navigator.mediaDevices)
     throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
@@ -56,10 +56,10 @@ class Webcam implements Source {
   private readonly presence = new Presence();
   private isOpen = false;
   private isLooking = false;
-  private shown = -1; // s, of the video: the picture that was looked at last
+  private lastTime = -1; // s, of the video: time of the last analysed picture
   private before = 0; // ms, of the frame with a person before
-  private lonely = performance.now(); // ms since when nobody is seen
-  private hasSaid = false;
+  private lonely = performance.now(); // ms: when a person was last seen
+  private hasReported = false;
 
   constructor(
     private readonly stream: MediaStream,
@@ -86,9 +86,9 @@ class Webcam implements Source {
   }
 
   frame(milliseconds: number): void {
-    if (!this.isOpen) this.small.draw(this.video); // then every picture comes with its landmarks
-    if (!this.isOpen || this.isLooking || this.video.currentTime === this.shown) return;
-    this.shown = this.video.currentTime;
+    if (!this.isOpen) this.small.draw(this.video); // later pictures are drawn with their landmarks
+    if (!this.isOpen || this.isLooking || this.video.currentTime === this.lastTime) return;
+    this.lastTime = this.video.currentTime;
     this.isLooking = true;
     void createImageBitmap(this.video).then(
       (picture) => this.worker.postMessage({ type: "look", picture, milliseconds } satisfies ToCamera, [picture]),
@@ -133,15 +133,15 @@ class Webcam implements Source {
     const points = found && this.calm && this.points.read(found, this.calm, this.live.tree, passed);
     if (!this.presence.look(points !== null, milliseconds)) this.small.say(NOBODY);
     if (!points) {
-      if (milliseconds - this.lonely > 1000 * LONELY && !this.hasSaid) {
-        this.hasSaid = true;
+      if (milliseconds - this.lonely > 1000 * LONELY && !this.hasReported) {
+        this.hasReported = true;
         this.say("Nobody is seen yet: step back until the picture holds you from head to hips, better to the feet.");
       }
       return;
     }
     this.small.say(seenOf(points.map(({ name }) => name)));
     this.before = this.lonely = milliseconds;
-    this.hasSaid = false;
+    this.hasReported = false;
     this.sensors = points.map(({ name }) => name);
     this.live.track({ time: milliseconds / 1000, points }, null);
   }

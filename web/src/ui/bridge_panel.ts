@@ -1,4 +1,4 @@
-/** Sending to a bridge: an address, a button, and how it goes. */
+/** Panel that sends to a bridge: an address, a button and the state. */
 
 import type { Body, Skeleton } from "../body/skeleton";
 import { button, element, input } from "../page";

@@ -51,7 +51,7 @@ export class CameraPicture {
   say(text: string): void {
     this.frame.hidden = false;
     const line = element("camera-says");
-    if (line.textContent !== text) line.textContent = text; // what is said twice is read aloud twice
+    if (line.textContent !== text) line.textContent = text; // screen readers read a line aloud each time it is set
   }
 
   hide(): void {

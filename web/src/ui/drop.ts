@@ -22,5 +22,5 @@ export function onFile(opened: (file: File) => void): void {
     if (file) opened(file);
     chooser.value = ""; // so that the same file may be chosen again
   };
-  element("door-file").onclick = () => chooser.click();
+  element("open-file").onclick = () => chooser.click();
 }

@@ -1,4 +1,4 @@
-/** Keys that steer the page, where no control of the page takes them. */
+/** Keyboard shortcuts of the page, active unless a control has the focus. */
 
 // Controls that use keys themselves: Space presses a button and ticks a box, arrows move a slider.
 const TAKES_KEYS = "input, select, textarea, button, summary, a[href], [contenteditable]";

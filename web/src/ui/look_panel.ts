@@ -22,28 +22,28 @@ export class LookPanel {
   }
 
   /** Show the choices that are available now, and the meaning of the colours. */
-  show(settings: Settings, { names, wornName }: Pick<Wardrobe, "names" | "wornName">, hasTruth: boolean): void {
-    this.offer(names, wornName);
-    const isFigure = settings.figure === "figure" || wornName === null;
+  show(settings: Settings, { names, currentName }: Pick<Wardrobe, "names" | "currentName">, hasTruth: boolean): void {
+    this.offer(names, currentName);
+    const isFigure = settings.figure === "figure" || currentName === null;
     for (const radio of document.querySelectorAll<HTMLInputElement>("input[name=figure]"))
-      radio.checked = radio.value === settings.figure; // which the menu in VR changes, too
+      radio.checked = radio.value === settings.figure; // the menu in VR changes it, too
     element("avatar-row").hidden = isFigure || names.length < 2;
     element("colour-row").hidden = !isFigure;
     element("truth-row").hidden = !hasTruth;
     const { colouring } = settings;
-    const shown = isFigure && (colouring !== "error" || hasTruth) ? legend(colouring) : null;
-    element("legend").hidden = shown === null;
-    if (!shown) return;
-    element("legend-low").textContent = shown.low;
-    element("legend-high").textContent = shown.high;
-    element("legend-bar").style.background = shown.css;
+    const bar = isFigure && (colouring !== "error" || hasTruth) ? legend(colouring) : null;
+    element("legend").hidden = bar === null;
+    if (!bar) return;
+    element("legend-low").textContent = bar.low;
+    element("legend-high").textContent = bar.high;
+    element("legend-bar").style.background = bar.css;
   }
 
-  private offer(names: readonly string[], worn: string | null): void {
-    const offered = JSON.stringify([names, worn]);
-    if (offered === this.offered || worn === null) return;
+  private offer(names: readonly string[], current: string | null): void {
+    const offered = JSON.stringify([names, current]);
+    if (offered === this.offered || current === null) return;
     this.offered = offered;
     select("avatar").replaceChildren(...names.map((name) => new Option(name)));
-    choice("avatar", worn, this.wear);
+    choice("avatar", current, this.wear);
   }
 }

@@ -21,7 +21,7 @@ export class SensorPanel {
     choice("set", set, picked);
   }
 
-  /** Offer the parts of what a source tracks; `isSimulated` where its sensors may be chosen. */
+  /** Offer the tracked parts of a source; `isSimulated`: its sensors may be chosen. */
   offer(points: readonly string[], isSimulated: boolean): void {
     element("set-row").hidden = !isSimulated;
     const parts = new Map<string, string[]>();
@@ -30,15 +30,15 @@ export class SensorPanel {
     if (names === this.offered) return;
     this.offered = names;
     const boxes: [HTMLInputElement, readonly string[]][] = [];
-    const tell = (): void => this.hidden(new Set(boxes.flatMap(([box, members]) => (box.checked ? [] : members))));
-    tell();
+    const report = (): void => this.hidden(new Set(boxes.flatMap(([box, members]) => (box.checked ? [] : members))));
+    report();
     const fieldset = element("parts");
     for (const label of fieldset.querySelectorAll("label")) label.remove();
     fieldset.hidden = parts.size < 2;
     for (const [name, members] of parts) {
       const label = document.createElement("label");
       const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: true });
-      box.onchange = tell;
+      box.onchange = report;
       boxes.push([box, members]);
       label.append(box, name);
       fieldset.append(label);

@@ -1,21 +1,21 @@
-/** One quiet line: who completes, how fast, and how far off that is. */
+/** Status line: tracked points, speed and error of the completion. */
 
 import { meanDistance, type Skeleton } from "../body/skeleton";
 import type { Live } from "../live";
 import type { Moment } from "../history";
 import { element } from "../page";
 
-const FEWEST = 60; // bodies from which on a pace is told: the first ones are slow everywhere
+const FEWEST = 60; // bodies before a rate is displayed: the first ones are slow everywhere
 const [SMOOTH, FLUENT] = [14, 33]; // ms: a picture at 72 and at 30 Hz
 
 export function showStatus(live: Live, moment: Moment | null, skeleton: Skeleton, title: string): void {
   element("source").textContent = title;
   if (!moment) {
-    element("shown").textContent = "";
+    element("summary").textContent = "";
     return;
   }
   if (moment.signal.length === 0 && !moment.expected) {
-    element("shown").textContent = "Recorded before";
+    element("summary").textContent = "Recorded before";
     element("rate").textContent = "";
     return;
   }
@@ -27,7 +27,7 @@ export function showStatus(live: Live, moment: Moment | null, skeleton: Skeleton
     const expected = moment.expected.subarray(0, 22).reduce((sum, value) => sum + value, 0) / 22;
     parts.push(`${(100 * expected).toFixed(1)} cm expected error`);
   }
-  element("shown").textContent = parts.join(" · ");
+  element("summary").textContent = parts.join(" · ");
   if (live.times.length === 0) return;
   const slowest = live.quantile(0.99); // ms
   const pace = slowest <= SMOOTH ? "smoothly" : slowest <= FLUENT ? "nearly smoothly" : "slowly on this device";

@@ -8,9 +8,9 @@ import { button, element, made } from "../page";
 import { partOf, Takes, type Take } from "../takes";
 
 export interface TakeEvents {
-  /** The skeleton of what is shown. */
+  /** The skeleton of the displayed body. */
   skeleton(): Skeleton;
-  /** Show a take on the stage; null: the one that was shown is gone. */
+  /** Show a take on the stage; null: the displayed take was deleted. */
   show(take: Take | null): void;
   /** Where the timeline is, s since its beginning. */
   time(): number;
@@ -22,7 +22,7 @@ const HINT = element("take").textContent;
 export class TakePanel {
   readonly takes: Takes;
   private drawn = "";
-  private shown: number | null = null; // the take on the stage
+  private displayed: number | null = null; // the take on the stage
 
   constructor(
     history: History,
@@ -40,30 +40,30 @@ export class TakePanel {
     void kept.load(body.joints).then((takes) => this.takes.restore(takes));
   }
 
-  /** Another source is on the stage. */
+  /** End the recording, as another source begins. */
   leave(): void {
     this.takes.end();
-    this.shown = null;
+    this.displayed = null;
   }
 
-  /** How things stand; a take that is as long as it may be has ended by itself. */
+  /** Update the panel. A take of maximum length has ended by itself. */
   draw(): void {
     const { all, chosen, isRecording } = this.takes;
     const state = JSON.stringify([
       all.map(({ id, name, part }) => [id, name, part]),
       chosen?.id,
       isRecording,
-      this.shown,
+      this.displayed,
     ]);
     if (state === this.drawn) return;
     this.drawn = state;
     button("record").textContent = isRecording ? "Stop" : "Record a take";
     button("record").setAttribute("aria-pressed", String(isRecording));
     element("take").textContent = chosen ? `${chosen.name}: ${lengthOf(chosen)} are saved as` : HINT;
-    element("cuts").hidden = this.shown === null || this.shown !== chosen?.id;
+    element("cuts").hidden = this.displayed === null || this.displayed !== chosen?.id;
     const focused = document.activeElement?.id ?? "";
     element("take-list").replaceChildren(...all.map((take) => this.row(take)));
-    document.getElementById(focused)?.focus(); // a list that is drawn anew takes no focus away
+    document.getElementById(focused)?.focus(); // a redrawn list keeps the focus
   }
 
   private row(take: Take): HTMLLIElement {
@@ -76,11 +76,11 @@ export class TakePanel {
     show.onclick = () => {
       this.takes.choose(id);
       this.events.show(take);
-      this.shown = id;
+      this.displayed = id;
     };
     const remove = made("button", `Delete ${name}`, { textContent: "×", className: "quiet" });
     remove.onclick = () => {
-      if (this.shown === id) this.events.show(null);
+      if (this.displayed === id) this.events.show(null);
       this.takes.remove(id);
     };
     const item = document.createElement("li");

@@ -3,7 +3,7 @@
 import { THEMES, type Theme } from "../settings";
 import type { Look } from "../view/scene";
 
-/** Paint by the theme, now and where the system changes. Returns what paints again after another choice. */
+/** Paint by the theme, now and when the system's theme changes. Returns a function that paints again. */
 export function themed(theme: () => Theme, paint: (look: Look) => void): () => void {
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const repaint = (): void => {

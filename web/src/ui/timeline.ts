@@ -5,7 +5,7 @@ import { button, choice, element, input } from "../page";
 import type { Playback } from "../playback";
 
 export class Timeline {
-  private isHeld = false; // the slider is in somebody's hand
+  private isHeld = false; // the user drags the slider
 
   constructor(
     private readonly playback: Playback,

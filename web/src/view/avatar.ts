@@ -83,7 +83,7 @@ export class Avatar {
     this.vrm.update(seconds);
   }
 
-  /** As tall as the body, as far as its legs tell. */
+  /** Scale the avatar to the body, by the length of the legs. */
   private fit(skeleton: Skeleton): void {
     if (this.skeleton === skeleton) return;
     const { humanoid } = this.vrm;

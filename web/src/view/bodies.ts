@@ -10,7 +10,8 @@ import { GhostView } from "./ghost_view";
 import { SignalView } from "./signal_view";
 import { Wardrobe } from "./wardrobe";
 
-export interface Shown {
+/** Choices of what the scene displays. */
+export interface DisplaySettings {
   readonly figure: "avatar" | "figure";
   readonly colouring: Colouring;
   readonly truth: boolean;
@@ -35,28 +36,28 @@ export class Bodies {
   }
 
   /** Show a moment of a body of this tree, `seconds` after the one before. */
-  show(moment: Moment, tree: Skeleton, shown: Shown, seconds: number): void {
+  show(moment: Moment, tree: Skeleton, display: DisplaySettings, seconds: number): void {
     this.build(tree, moment.restOffset);
     if (!this.result || !this.truth || !this.skeleton) return;
-    const avatar = this.wardrobe.worn;
-    const isAvatar = shown.figure === "avatar" && avatar !== null;
+    const avatar = this.wardrobe.current;
+    const isAvatar = display.figure === "avatar" && avatar !== null;
     this.result.group.visible = !isAvatar;
     if (avatar) avatar.group.visible = isAvatar;
     if (isAvatar) avatar.show(moment.body, this.skeleton, seconds);
-    else this.result.show(moment.body, (point, out) => pointColour(moment, point, shown.colouring, out));
-    this.truth.group.visible = shown.truth && moment.truth !== null;
+    else this.result.show(moment.body, (point, out) => pointColour(moment, point, display.colouring, out));
+    this.truth.group.visible = display.truth && moment.truth !== null;
     if (this.truth.group.visible && moment.truth) this.truth.show(moment.truth, (_, out) => out.copy(TRUTH_COLOUR));
-    this.signal.group.visible = shown.signal;
+    this.signal.group.visible = display.signal;
     this.signal.show(moment.signal);
-    this.ghosts.group.visible = shown.ghosts;
+    this.ghosts.group.visible = display.ghosts;
     this.ghosts.show(moment.signal);
     this.contactShadow.group.visible = true;
     this.contactShadow.show(moment.body, tree.points);
   }
 
-  /** Nothing is on the stage. */
+  /** Hide all bodies. */
   clear(): void {
-    for (const part of [this.result, this.truth, this.wardrobe.worn, this.signal, this.ghosts, this.contactShadow])
+    for (const part of [this.result, this.truth, this.wardrobe.current, this.signal, this.ghosts, this.contactShadow])
       if (part) part.group.visible = false;
   }
 

@@ -16,7 +16,7 @@ import { quaternionAt } from "../body/math";
 import { restHeight, type Body, type Skeleton } from "../body/skeleton";
 
 /** Radii as shares of a body's height: across (left to right) and deep (back to front). */
-const FLESH: readonly (readonly [RegExp, number, number])[] = [
+const RADII: readonly (readonly [RegExp, number, number])[] = [
   [/^pelvis$/, 0.078, 0.06],
   [/^spine[12]$/, 0.076, 0.056],
   [/^spine3$/, 0.085, 0.06],
@@ -53,22 +53,22 @@ export class BodyView {
   ) {
     const count = skeleton.points.length;
     const height = restHeight(skeleton);
-    const flesh = skeleton.points.map((name): [number, number] => {
-      const [, across, deep] = FLESH.find(([pattern]) => pattern.test(name)) ?? [name, 0.02, 0.02];
+    const radii = skeleton.points.map((name): [number, number] => {
+      const [, across, deep] = RADII.find(([pattern]) => pattern.test(name)) ?? [name, 0.02, 0.02];
       return [across * height, deep * height];
     });
     const material = materialOf(opacity);
     const shapes = [new SphereGeometry(1, 16, 12), new CylinderGeometry(1, 1, 1, 20, 1, true)];
     [this.balls, this.bones] = shapes.map((shape) => new InstancedMesh(shape, material, count));
-    const tapering = [new Float32Array(2 * count).fill(1), tapers(skeleton, flesh)];
+    const tapering = [new Float32Array(2 * count).fill(1), tapers(skeleton, radii)];
     shapes.forEach((shape, k) => shape.setAttribute("taper", new InstancedBufferAttribute(tapering[k], 2)));
     this.group.add(this.balls, this.bones);
     for (const mesh of [this.balls, this.bones]) {
       mesh.frustumCulled = false;
       mesh.castShadow = opacity >= 1;
     }
-    this.ballOfPoint = skeleton.points.map((_, point) => ballMatrix(skeleton, point, flesh));
-    this.boneOfPoint = skeleton.points.map((_, point) => boneMatrix(skeleton, point, flesh));
+    this.ballOfPoint = skeleton.points.map((_, point) => ballMatrix(skeleton, point, radii));
+    this.boneOfPoint = skeleton.points.map((_, point) => boneMatrix(skeleton, point, radii));
     this.frames = skeleton.points.map(() => new Matrix4());
   }
 
@@ -118,29 +118,29 @@ function materialOf(opacity: number): MeshLambertMaterial {
   return material;
 }
 
-function tapers(skeleton: Skeleton, flesh: readonly [number, number][]): Float32Array {
+function tapers(skeleton: Skeleton, radii: readonly [number, number][]): Float32Array {
   return Float32Array.from(
     skeleton.parents.flatMap((parent, point) => {
       if (parent < 0 || skeleton.points[point].endsWith("_collar")) return [1, 1]; // no cone from a chest to a collar
-      return [0, 1].map((axis) => flesh[parent][axis] / flesh[point][axis]);
+      return [0, 1].map((axis) => radii[parent][axis] / radii[point][axis]);
     }),
   );
 }
 
-/** The unit ball as a point's flesh; the head's is an egg that ends at the top of the head. */
-function ballMatrix(skeleton: Skeleton, point: number, flesh: readonly [number, number][]): Matrix4 {
-  const [across, deep] = flesh[point];
+/** Matrix from the unit ball to the ellipsoid of a point; the head's ends at the top of the head. */
+function ballMatrix(skeleton: Skeleton, point: number, radii: readonly [number, number][]): Matrix4 {
+  const [across, deep] = radii[point];
   if (skeleton.points[point] !== HEAD) return new Matrix4().makeScale(across, (across + deep) / 2, deep);
   const half = EGG * across;
   return new Matrix4().makeTranslation(0, -half, 0).scale(new Vector3(across, half, deep));
 }
 
 /** The unit cylinder laid along a bone, as thick as the point that it leads to. */
-function boneMatrix(skeleton: Skeleton, point: number, flesh: readonly [number, number][]): Matrix4 {
+function boneMatrix(skeleton: Skeleton, point: number, radii: readonly [number, number][]): Matrix4 {
   if (skeleton.parents[point] < 0 || skeleton.points[point] === HEAD) return new Matrix4().makeScale(0, 0, 0);
   const offset = new Vector3().fromArray(skeleton.restOffset, 3 * point);
   const length = offset.length();
   const turn = new Quaternion().setFromUnitVectors(UP, length > 0 ? offset.clone().normalize() : UP);
-  const size = new Vector3(flesh[point][0], length, flesh[point][1]);
+  const size = new Vector3(radii[point][0], length, radii[point][1]);
   return new Matrix4().compose(offset.multiplyScalar(0.5), turn, size);
 }

@@ -13,7 +13,7 @@ export const PLAIN = new Color("#9db4c8");
 export const TRUTH_COLOUR = new Color("#4caf7d");
 export const SIGNAL_COLOUR = new Color("#b35cd6");
 
-const WORST = 0.15; // m: from here on a colour says "unsure", or "wrong"
+const WORST = 0.15; // m: larger errors have the last colour
 
 /** Blue over yellow to red: colours that also colour-blind eyes order by brightness. */
 export function scale(metres: number, out: Color): Color {

@@ -1,4 +1,4 @@
-/** Ghosts of what tracks the body: a headset, controllers, pucks on other joints. */
+/** Ghosts of tracking devices: a headset, controllers, pucks on other joints. */
 
 import { CapsuleGeometry, CylinderGeometry, Group, Mesh, MeshStandardMaterial, TorusGeometry } from "three";
 import { RoundedBoxGeometry } from "three/addons/geometries/RoundedBoxGeometry.js";
@@ -52,7 +52,7 @@ export class GhostView {
   private controller(side: 1 | -1): Mesh[] {
     const handle = this.part(new CapsuleGeometry(0.018, 0.08, 6, 16), this.dark, [side * 0.075, -0.025, 0]);
     const ring = this.part(new TorusGeometry(0.048, 0.008, 10, 32), this.clear, [side * 0.085, -0.01, 0.07]);
-    handle.rotation.x = Math.PI / 2; // along what the fingers close around
+    handle.rotation.x = Math.PI / 2; // along the grip
     ring.rotation.y = Math.PI / 8;
     return [handle, ring];
   }

@@ -1,4 +1,4 @@
-/** A mirror before the wearer: what is tracked stands behind its plane, turned over. */
+/** A mirror in front of the wearer: the body is drawn behind its plane, reflected. */
 
 import {
   BoxGeometry,
@@ -34,7 +34,7 @@ export class Mirror {
     const glass = new MeshBasicMaterial({ color: "#cfe3e4", transparent: true, opacity: 0.14, depthWrite: false });
     const pane = new Mesh(new PlaneGeometry(WIDTH, HEIGHT), glass);
     pane.position.y = HEIGHT / 2;
-    pane.renderOrder = 3; // before whatever stands behind it
+    pane.renderOrder = 3; // drawn in front of the reflected scene
     this.built.add(pane);
     this.frame.add(this.built);
     this.frame.visible = false;

@@ -1,4 +1,4 @@
-/** A pose on a VRM humanoid: which bone each joint is, and the rotations where the avatar lacks some bones. */
+/** Retargeting to a VRM humanoid: bones of joints, and rotations if the avatar lacks bones. */
 
 import { conjugate, multiply, quaternionAt, type Quaternion } from "../body/math";
 import type { Body, Skeleton } from "../body/skeleton";
@@ -27,7 +27,7 @@ const LIMBS: Readonly<Record<string, string>> = {
 const FINGERS: Readonly<Record<string, string>> = { index: "Index", middle: "Middle", ring: "Ring", pinky: "Little" };
 const PHALANGES = ["Proximal", "Intermediate", "Distal"] as const;
 
-/** The VRM 1.0 humanoid bone of a joint; null for a joint that no bone stands for. */
+/** The VRM 1.0 humanoid bone of a joint, or null. */
 export function boneOf(joint: string): string | null {
   if (joint in BODY) return BODY[joint];
   const [side, part] = joint.split("_");
@@ -40,7 +40,7 @@ export function boneOf(joint: string): string | null {
 
 export interface Driven {
   readonly joint: number;
-  readonly above: number; // the nearest ancestor that the avatar has, too; −1: none
+  readonly above: number; // nearest ancestor that the avatar has; −1: none
   readonly bone: string;
 }
 

@@ -29,10 +29,10 @@ const FROM = [0.9, 1.3, 3.4] as const; // m
 const PAPER = { light: "#eceae4", dark: "#15171c" } as const;
 const FLOOR = { light: ["#ffffff", "#cfcabd"], dark: ["#2a2e37", "#3b414d"] } as const; // middle and lines
 const RADIUS = 4.5; // m, of the floor
-const [SHADE, SHADE_AT] = [1.65, [-0.38, 0, -0.56]] as const; // m: within what the light sees of the floor
-const CLEAR = 200; // pixels between the middle of the body and what is beside it
+const [SHADE, SHADE_AT] = [1.65, [-0.38, 0, -0.56]] as const; // m: within the floor area that the light covers
+const CLEAR = 200; // pixels between the middle of the body and the panel next to it
 const FINEST = 4; // anisotropy of textures
-const AFTER = 4; // per s: how fast the camera goes after somebody who walks
+const AFTER = 4; // 1/s: rate at which the camera follows the body
 
 /** The part of a distance, m, that the camera moves by within `seconds`; the same however many pictures are drawn. */
 export function followed(distance: number, seconds: number): number {
@@ -151,7 +151,7 @@ export class View {
     this.paint(this.look);
   }
 
-  /** Leave the wheel and a finger's stroke upwards to the page around this one, which scrolls by them. */
+  /** Leave wheel and vertical swipes to the embedding page, which scrolls by them. */
   letScroll(): void {
     this.controls.enableZoom = false;
     this.renderer.domElement.style.touchAction = "pan-y";
@@ -205,13 +205,13 @@ export class View {
     const { right } = this.beside.getBoundingClientRect();
     const aside = isOver ? Math.min(Math.max(right + CLEAR - width / 2, 0), width / 8) : 0;
     this.camera.aspect = width / free;
-    this.camera.setViewOffset(width, free, -aside, 0, width, height); // the picture goes on below what is free
+    this.camera.setViewOffset(width, free, -aside, 0, width, height); // the picture continues below the free part
     this.renderer.setSize(width, height, false);
     if (wasPortrait !== this.isPortrait) this.reset();
   }
 }
 
-/** Whether a graphics card draws; where a browser does not say, it is believed. */
+/** Whether a graphics card draws; true if the browser does not report it. */
 function hasGraphicsCard(): boolean {
   const context = document.createElement("canvas").getContext("webgl2");
   const names = context?.getExtension("WEBGL_debug_renderer_info");

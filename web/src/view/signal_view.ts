@@ -1,4 +1,4 @@
-/** The signal: a small octahedron where a point was tracked, with its axes where it turned. */
+/** The signal: a small octahedron at each tracked point, with axes if its rotation is tracked. */
 
 import { AxesHelper, Group, Mesh, MeshBasicMaterial, OctahedronGeometry } from "three";
 import { SIGNAL_COLOUR } from "./colours";

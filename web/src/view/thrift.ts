@@ -3,10 +3,10 @@
 import type { WebGLRenderer } from "three";
 
 const SLOW = 45; // ms a frame
-const FRAMES = 20; // that are averaged before anything is given up,
-const [FEW, SECONDS] = [3, 1.2]; // or as few as these, where they took so long
+const FRAMES = 20; // frames averaged before the quality is lowered
+const [FEW, SECONDS] = [3, 1.2]; // frames and s: fewer frames suffice if they took this long
 const [SMALL, SMALLEST] = [0.6, 0.4]; // pixels of the picture for one of the page
-const SELDOM = 50; // ms between two pictures where the processor draws them: it has other work as well
+const SELDOM = 50; // ms between two pictures if the processor draws them, as it has other work
 
 export class Thrift {
   private count = 0;
@@ -37,7 +37,7 @@ export class Thrift {
     return true;
   }
 
-  /** To be called once a frame, with its time (ms); true where something was given up. */
+  /** Call once a frame with its time (ms). Returns true if the quality was lowered. */
   frame(milliseconds: number): boolean {
     const took = milliseconds - this.last;
     this.last = milliseconds;

@@ -68,12 +68,12 @@ export class VrMenu {
     this.line = line;
   }
 
-  /** Rays of hands and controllers, world ← ray; a menu is redrawn where it changed. */
+  /** Rays of hands and controllers, world ← ray; the menu is redrawn if it changed. */
   point(rays: readonly Matrix4[]): void {
     const hits = rays.map((ray) => this.hit(ray)).filter((hit) => hit !== null);
     const [hit] = hits;
     this.dot.visible = hit !== undefined;
-    this.hover.visible = hit !== undefined && hit.row >= 0; // over the picture, which is not drawn anew for it
+    this.hover.visible = hit !== undefined && hit.row >= 0; // drawn over the menu's picture, which stays
     if (hit) {
       this.dot.position.copy(this.board.worldToLocal(hit.place)).setZ(0.004);
       this.hover.position.set(0, this.height / 2 - HEAD - hit.row * (ROW + GAP) - ROW / 2, 0.002);
@@ -84,7 +84,7 @@ export class VrMenu {
     this.draw();
   }
 
-  /** Press what a ray points at; false where it points at nothing. */
+  /** Press the row that a ray points at. Returns false if it points at none. */
   press(ray: Matrix4): boolean {
     const item = this.items[this.hit(ray)?.row ?? -1];
     item?.press();
@@ -126,7 +126,7 @@ export class VrMenu {
       context.fill();
       context.fillStyle = isOn?.() ? "#ffffff" : "#1c1e22";
       context.font = `${0.029 * m}px system-ui, sans-serif`;
-      context.fillText(text(), 0.05 * m, top + (ROW / 2) * m, (WIDTH - 0.1) * m); // narrower where it is long
+      context.fillText(text(), 0.05 * m, top + (ROW / 2) * m, (WIDTH - 0.1) * m); // long texts are narrowed
     });
     this.texture.needsUpdate = true;
   }

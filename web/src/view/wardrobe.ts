@@ -1,16 +1,16 @@
-/** Avatars that were put on, by name: one is worn, the others wait for their turn. */
+/** Loaded avatars by name, one of which is displayed. */
 
 import type { Object3D } from "three";
 import { unpacked } from "../engine/files";
 import type { Avatar } from "./avatar";
 
-export const OWN = "The page's own"; // which stays
+export const OWN = "The page's own"; // is never removed
 const OWN_FILE = "avatar.vrm.gz";
-const MOST = 4; // avatars: each holds its textures
+const MOST = 4; // avatars at a time, because each holds its textures
 
 export class Wardrobe {
-  private readonly avatars = new Map<string, Avatar>(); // in the order of their coming
-  wornName: string | null = null; // null: nothing is worn yet
+  private readonly avatars = new Map<string, Avatar>(); // in the order of addition
+  currentName: string | null = null; // null: no avatar yet
 
   constructor(private readonly stage: Object3D) {}
 
@@ -18,11 +18,11 @@ export class Wardrobe {
     return [...this.avatars.keys()];
   }
 
-  get worn(): Avatar | null {
-    return this.avatars.get(this.wornName ?? "") ?? null;
+  get current(): Avatar | null {
+    return this.avatars.get(this.currentName ?? "") ?? null;
   }
 
-  /** Put on another one, in place of one of the same name; where there are many, the oldest gives way. */
+  /** Add and display an avatar. It replaces one of the same name, or the oldest if there are too many. */
   add(name: string, avatar: Avatar): void {
     this.remove(name);
     const oldest = this.names.find((other) => other !== OWN);
@@ -32,10 +32,10 @@ export class Wardrobe {
     this.wear(name);
   }
 
-  /** Wear one that is here. */
+  /** Display a loaded avatar. */
   wear(name: string): void {
     if (!this.avatars.has(name)) return;
-    this.wornName = name;
+    this.currentName = name;
     for (const [other, { group }] of this.avatars) group.visible = other === name;
   }
 
@@ -45,11 +45,11 @@ export class Wardrobe {
   }
 }
 
-/** Add the page's own avatar, which is worn unless another one came sooner. */
+/** Add the page's own avatar; display it unless another one was loaded before. */
 export async function addOwn(wardrobe: Wardrobe, base: string): Promise<void> {
   const { Avatar, readGlb } = await import("./avatar"); // three-vrm is fetched when it is wanted
   const avatar = Avatar.of(await readGlb(await unpacked(base, OWN_FILE), OWN_FILE), OWN_FILE);
-  const worn = wardrobe.wornName;
+  const chosen = wardrobe.currentName;
   if (avatar) wardrobe.add(OWN, avatar);
-  if (worn !== null) wardrobe.wear(worn);
+  if (chosen !== null) wardrobe.wear(chosen);
 }

@@ -20,16 +20,16 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
     return page.evaluate(() => Boolean(device.activeSession));
   };
   await says("#rate", "completed here");
-  const worn = [await enter()];
+  const entries = [await enter()];
   await takeOff(page);
-  worn.push(await enter()); // at once
+  entries.push(await enter()); // at once
   await page.screenshot({ path: `${pictures}/again.png` });
   await takeOff(page);
-  await page.dispatchEvent("#door-performance", "click");
+  await page.dispatchEvent("#open-performance", "click");
   await says("#source", "performance");
   const isOver = await page.isHidden("#notice"); // of the headset that was taken off
-  worn.push(await enter()); // after another source
+  entries.push(await enter()); // after another source
   await takeOff(page);
-  return { worn, isOver, notice: await text("#notice-text") };
+  return { entries, isOver, notice: await text("#notice-text") };
 });
 site.close();

@@ -24,7 +24,7 @@ await scenario({ viewport: { width: 900, height: 420 }, expected: refused }, asy
   // Somebody else watches, by the link that the page names.
   const watcher = await page.context().newPage();
   await watcher.goto(/https?:.*$/.exec(sending.hint)[0]);
-  const isSeen = () => /cm expected/.test(document.querySelector("#shown").textContent);
+  const isSeen = () => /cm expected/.test(document.querySelector("#summary").textContent);
   await watcher.waitForFunction(isSeen, null, { polling: 100 });
   await watcher.waitForTimeout(2000);
   const watched = await watcher.textContent("#source");
@@ -41,6 +41,6 @@ await scenario({ viewport: { width: 900, height: 420 }, expected: refused }, asy
   const token = { notice: await page.textContent("#notice-text"), button: await page.textContent("#bridge-send") };
   await page.fill("#bridge", "ws://127.0.0.1:59999/?token=nobody");
   await send();
-  await until("#bridge-hint", "asked again");
+  await until("#bridge-hint", "keeps trying");
   return { before, sending, watched, after, wrong, token, gone: await hint() };
 }).finally(() => site.close());

@@ -51,7 +51,7 @@ async function open(page, path) {
 }
 
 const options = { viewport: { width: 520, height: 580 }, serviceWorkers: "block" };
-const stranger = await launched([], options, async (page) => {
+const uninvited = await launched([], options, async (page) => {
   const { heard } = await open(page, "/named");
   await page.frameLocator("#body").locator("html[data-embed]").waitFor({ state: "attached" });
   await page.waitForTimeout(6000);
@@ -145,5 +145,5 @@ await scenario({ ...options, expected: /404/ }, async (page) => {
   const hello = await now();
   await send({ bodysense: "hello" });
   await until({ bodysense: "ready" }, hello);
-  return { ...facts, stranger };
+  return { ...facts, uninvited };
 }).finally(() => [site, other].forEach((host) => host.close()));

@@ -26,14 +26,14 @@ export async function wearEmulated(page) {
 }
 
 /** The headset is put on, by a button of the page, and the page shows its wearer. */
-export async function putOn(page, door = "#door-headset") {
-  await page.dispatchEvent(door, "click");
-  await page.waitForSelector(`${door}[aria-busy=false]`, { state: "attached" });
+export async function putOn(page, control = "#open-headset") {
+  await page.dispatchEvent(control, "click");
+  await page.waitForSelector(`${control}[aria-busy=false]`, { state: "attached" });
   await page.evaluate(() => headsetFrames(4)); // from which on everything that the page says is of this wearer
-  const isShown = () =>
+  const isTracking = () =>
     document.getElementById("source").textContent.includes("headset") &&
-    document.getElementById("shown").textContent.includes("3 points");
-  await page.waitForFunction(isShown, null, { polling: 50 });
+    document.getElementById("summary").textContent.includes("3 points");
+  await page.waitForFunction(isTracking, null, { polling: 50 });
 }
 
 /** The headset is taken off, and the page has heard of it. */

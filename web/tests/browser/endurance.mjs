@@ -27,7 +27,7 @@ await scenario({ isCalm: false, viewport: { width: 300, height: 200 } }, async (
       polling: 200,
     });
   await says("#rate", "completed here");
-  await page.dispatchEvent("#door-headset", "click");
+  await page.dispatchEvent("#open-headset", "click");
   await says("#source", "headset");
   // A headset shows no page while it is in VR.
   await page.evaluate(() => (document.documentElement.style.display = "none"));
@@ -60,7 +60,7 @@ await scenario({ isCalm: false, viewport: { width: 300, height: 200 } }, async (
     ...quantiles(times.steps),
     thread: atLast && { computed: perStep("computed"), waited: perStep("waited") }, // ms a step
     page: { ...quantiles(times.frames), rate: times.frames.length / end }, // ms that a frame took on the page's own thread
-    ...{ held, growth, shown: await page.textContent("#shown") },
+    ...{ held, growth, summary: await page.textContent("#summary") },
   };
 });
 site.close();

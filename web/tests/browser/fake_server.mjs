@@ -48,15 +48,17 @@ export async function fakeServer(page, behave = () => false) {
     let timer;
     let settings = WELCOME.settings;
     socket.onMessage((message) => {
-      const said = typeof message === "string" ? JSON.parse(message) : { type: "signal", bytes: message.length };
-      heard.push(said);
-      if (behave(socket, said)) return;
-      if (said.type === "settings") {
-        const { type, ...change } = said;
+      const received = typeof message === "string" ? JSON.parse(message) : { type: "signal", bytes: message.length };
+      heard.push(received);
+      if (behave(socket, received)) return;
+      if (received.type === "settings") {
+        const { type, ...change } = received;
         settings = { ...settings, ...change };
       }
-      if (said.type === "hello" || said.type === "settings") socket.send(JSON.stringify({ ...WELCOME, settings }));
-      if (said.type === "hello" && said.watch === "replay") timer = setInterval(replay(socket), 1000 / RATE).unref(); // a browser that is gone holds nothing up
+      if (received.type === "hello" || received.type === "settings")
+        socket.send(JSON.stringify({ ...WELCOME, settings }));
+      if (received.type === "hello" && received.watch === "replay")
+        timer = setInterval(replay(socket), 1000 / RATE).unref(); // a browser that is gone holds nothing up
     });
     socket.onClose(() => clearInterval(timer));
   });

@@ -19,10 +19,10 @@ await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" 
     page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
       polling: 100,
     });
-  const said = {};
+  const notices = {};
   const keep = async (name, part) => {
     await until("#notice-text", part);
-    said[name] = await page.textContent("#notice-text");
+    notices[name] = await page.textContent("#notice-text");
   };
   await until("#rate", "completed here");
 
@@ -30,7 +30,7 @@ await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" 
     await page.evaluate((reason) => {
       navigator.mediaDevices.getUserMedia = () => Promise.reject(new DOMException("no", reason));
     }, name);
-    await page.dispatchEvent("#door-webcam", "click");
+    await page.dispatchEvent("#open-webcam", "click");
     const parts = { NotAllowedError: "refused", NotFoundError: "No webcam", NotReadableError: "another program" };
     await keep(name, parts[name] ?? name);
   }
@@ -41,11 +41,11 @@ await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" 
     window.stream = canvas.captureStream();
     navigator.mediaDevices.getUserMedia = () => Promise.resolve(stream);
   });
-  await page.dispatchEvent("#door-webcam", "click");
+  await page.dispatchEvent("#open-webcam", "click");
   await keep("nobody", "Nobody");
   await page.evaluate(() => stream.getTracks()[0].dispatchEvent(new Event("ended")));
   await keep("unplugged", "unplugged");
-  await page.dispatchEvent("#door-performance", "click");
+  await page.dispatchEvent("#open-performance", "click");
   await until("#source", "performance");
 
   const drop = (name, content) =>
@@ -59,7 +59,7 @@ await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" 
   await keep("numbers", "numbers.npz");
   await drop("model.glb", "glTF");
   await keep("model", "model.glb");
-  await until("#shown", "from the truth"); // and the performance goes on
+  await until("#summary", "from the truth"); // and the performance goes on
 
   await page.evaluate(() => {
     const context = document.getElementById("view").getContext("webgl2");
@@ -73,7 +73,7 @@ await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" 
   await page.route("**/completion.safetensors.gz", (route) => route.fulfill({ body: "not packed" }));
   await page.reload();
   await keep("damaged", "damaged");
-  await until("#shown", "tracked"); // the motion itself is shown
+  await until("#summary", "tracked"); // the motion itself is shown
 
   await page.unroute("**/completion.safetensors.gz");
   await page.addInitScript(() => {
@@ -90,5 +90,5 @@ await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" 
   await page.waitForTimeout(1500);
   await page.dispatchEvent("#record", "click");
   await keep("takeRefused", "your take is kept");
-  return { said };
+  return { notices };
 }).finally(() => site.close());

@@ -39,9 +39,9 @@ await scenario({ viewport: { width: 900, height: 520 }, serviceWorkers: "block" 
     await page.setInputFiles("#file", { name, mimeType: "application/octet-stream", buffer });
     const isTaken = (taken) => {
       const text = (id) => document.getElementById(id).textContent;
-      const worn = document.getElementById("avatar").value;
+      const avatar = document.getElementById("avatar").value;
       const isRefused = !document.getElementById("notice").hidden && text("notice-text").includes(taken);
-      return isRefused || worn === taken || (text("source").includes(taken) && text("shown").includes("tracked"));
+      return isRefused || avatar === taken || (text("source").includes(taken) && text("summary").includes("tracked"));
     };
     await page.waitForFunction(isTaken, name, { polling: 100 });
     const seconds = (Date.now() - began) / 1000;
@@ -49,8 +49,8 @@ await scenario({ viewport: { width: 900, height: 520 }, serviceWorkers: "block" 
     made[name] = await page.evaluate(
       (taken) => ({
         source: document.getElementById("source").textContent,
-        shown: document.getElementById("shown").textContent,
-        worn: document.getElementById("avatar").value,
+        summary: document.getElementById("summary").textContent,
+        avatar: document.getElementById("avatar").value,
         notice: document.getElementById("notice").hidden ? null : document.getElementById("notice-text").textContent,
         taken,
       }),

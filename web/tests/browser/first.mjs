@@ -31,8 +31,8 @@ site.close();
 function waitUntilDrawn() {
   const contextOf = HTMLCanvasElement.prototype.getContext;
   let drawn = null;
-  HTMLCanvasElement.prototype.getContext = function (...asked) {
-    const context = contextOf.apply(this, asked);
+  HTMLCanvasElement.prototype.getContext = function (...parameters) {
+    const context = contextOf.apply(this, parameters);
     if (this.isConnected) drawn = context;
     return context;
   };

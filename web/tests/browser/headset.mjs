@@ -25,7 +25,7 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
   const before = await text("#notice-text");
   await putOn(page);
   await says("#notice-text", "measured.");
-  const controllers = { shown: await text("#shown"), notice: await text("#notice-text") };
+  const controllers = { summary: await text("#summary"), notice: await text("#notice-text") };
   await page.screenshot({ path: `${pictures}/vr.png` });
   await pressMenu(page, LOOK, { yaw: YAW });
   await page.waitForFunction(() => document.querySelector("input[name=figure][value=figure]").checked, null, {
@@ -36,11 +36,11 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
     device.hands.left.position.set(-0.2, 1.45, -0.35);
     device.hands.right.position.set(0.2, 1.45, -0.35);
   });
-  await says("#shown", "43 points"); // the head, two wrists and 20 joints a hand
+  await says("#summary", "43 points"); // the head, two wrists and 20 joints a hand
   await pressMenu(page, RECORD, { kind: "hands", yaw: YAW });
   await says("#record", "Stop");
   await page.evaluate(() => headsetFrames(15));
-  const hands = { shown: await text("#shown") };
+  const hands = { summary: await text("#summary") };
   await page.evaluate(() => device.activeSession?.end()); // the headset goes away in the middle of a take
   await says("#notice-text", "kept");
   const [download] = await Promise.all([page.waitForEvent("download"), page.dispatchEvent("#save-bvh", "click")]);
@@ -49,15 +49,15 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
   await page.screenshot({ path: `${pictures}/after.png` });
   const [after, take] = [await text("#notice-text"), await text("#take")];
   // Passthrough: the wearer's own room is behind the mirror.
-  const isOffered = await page.isVisible("#door-room");
-  await putOn(page, "#door-room");
+  const isOffered = await page.isVisible("#open-room");
+  await putOn(page, "#open-room");
   const room = { isOffered, blend: await page.evaluate(() => device.activeSession.environmentBlendMode) };
   await page.evaluate(() => void device.activeSession.end());
   await says("#notice-text", "is off");
   await page.evaluate(() => {
     navigator.xr.requestSession = () => Promise.reject(new DOMException("not now", "NotAllowedError"));
   });
-  await page.dispatchEvent("#door-headset", "click");
+  await page.dispatchEvent("#open-headset", "click");
   await says("#notice-text", "did not let");
   const refused = { refused: await text("#notice-text"), stillThere: await text("#take") };
   return { before, controllers, hands, after, take, room, ...refused };

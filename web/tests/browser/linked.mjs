@@ -33,7 +33,7 @@ const motionOf = (page) => page.route("**/walk.bvh", (route) => route.fulfill({ 
 await launched([], { ...options, viewport: { width: 390, height: 844 } }, async (page) => {
   await motionOf(page);
   await page.goto(`${site.address}?motion=walk.bvh&background=transparent`);
-  await until(page, "#shown", "from the truth");
+  await until(page, "#summary", "from the truth");
   await page.screenshot({ path: picture.replace(".png", "-tall.png"), omitBackground: true });
 });
 await scenario(options, async (page) => {
@@ -43,7 +43,7 @@ await scenario(options, async (page) => {
   );
   await page.goto(`${site.address}?motion=walk.bvh&avatar=other.vrm&background=transparent`);
   await until(page, "#source", "walk.bvh");
-  await until(page, "#shown", "from the truth");
+  await until(page, "#summary", "from the truth");
   const avatar = await page.inputValue("#avatar");
   await page.screenshot({ path: picture, omitBackground: true });
   return { missing, avatar, isBare: await page.isHidden("#intro") };

@@ -78,8 +78,10 @@ export async function scenario({ expected = /^$/, ...options }, run, more = []) 
       if (message.type() === "error" && !isExpected) errors.push(message.text());
     });
     const result = await run(page).catch(async (error) => {
-      const said = await page.innerText("body").catch(() => "");
-      throw new Error(`${error.message}\nerrors of the page: ${errors.join("; ")}\nit said: ${said.slice(0, 600)}`);
+      const text = await page.innerText("body").catch(() => "");
+      throw new Error(
+        `${error.message}\nerrors of the page: ${errors.join("; ")}\nthe page reads: ${text.slice(0, 600)}`,
+      );
     });
     console.log(JSON.stringify({ ...result, errors, read: [...words] }));
   });
@@ -94,23 +96,23 @@ function calm() {
 
 /** Give every text to `readByPerson` that is or becomes visible, a tooltip, or drawn into a picture; numbers are 0. */
 function readAlong() {
-  const told = new Set();
-  const tell = (text) => {
+  const lines = new Set();
+  const add = (text) => {
     const line = text
       .replace(/https?:\/\/\S+/g, "an address")
       .replace(/\d+([.,]\d+)?/g, "0")
       .replace(/\s+/g, " ")
       .trim();
-    if (line === "" || told.has(line)) return;
-    told.add(line);
+    if (line === "" || lines.has(line)) return;
+    lines.add(line);
     void window.readByPerson(line);
   };
   const read = (node) => {
     const element = node instanceof Element ? node : node.parentElement;
-    const shown = element?.closest("select") ?? element; // options are not visible, but can be read
-    if (!shown?.checkVisibility() || element.closest("script, style")) return;
-    if (node instanceof Text) return tell(node.data);
-    for (const name of ["title", "placeholder", "aria-label", "alt"]) tell(element.getAttribute(name) ?? "");
+    const visible = element?.closest("select") ?? element; // options are not visible, but can be read
+    if (!visible?.checkVisibility() || element.closest("script, style")) return;
+    if (node instanceof Text) return add(node.data);
+    for (const name of ["title", "placeholder", "aria-label", "alt"]) add(element.getAttribute(name) ?? "");
     for (const child of element.childNodes) if (child instanceof Text || child instanceof Element) read(child);
   };
   const watch = new MutationObserver((changes) => {
@@ -119,7 +121,7 @@ function readAlong() {
   watch.observe(document, { subtree: true, childList: true, characterData: true, attributes: true });
   const { fillText } = CanvasRenderingContext2D.prototype;
   CanvasRenderingContext2D.prototype.fillText = function (text, ...where) {
-    tell(text);
+    add(text);
     return fillText.call(this, text, ...where);
   };
 }

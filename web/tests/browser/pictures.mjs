@@ -47,9 +47,9 @@ await picture("phone", {
   colorScheme: "dark",
 });
 await picture("mirror", { ...desk, colorScheme: "light" }, wearEmulated, async (page, says) => {
-  await page.dispatchEvent("#door-headset", "click");
+  await page.dispatchEvent("#open-headset", "click");
   await says("#source", "headset");
-  await says("#shown", "3 points");
+  await says("#summary", "3 points");
   await page.evaluate(() => {
     device.controllers.left.position.set(-0.3, 1.25, -0.3);
     device.controllers.right.position.set(0.25, 1.5, -0.35);

@@ -21,7 +21,7 @@ const CASES = {
 
 const site = await serveFolder(folder);
 await scenario({ viewport: { width: 500, height: 400 } }, async (page) => {
-  const said = {};
+  const notices = {};
   for (const [name, behave] of Object.entries(CASES)) {
     await page.unrouteAll();
     await fakeServer(page, (socket) => {
@@ -31,8 +31,8 @@ await scenario({ viewport: { width: 500, height: 400 } }, async (page) => {
     await page.goto(`${site.address}?case=${name}`);
     await page.waitForSelector("#notice:not([hidden])");
     const again = page.getByRole("button", { name: "Connect again" });
-    said[name] = { text: await page.textContent("#notice-text"), canRetry: await again.isVisible() };
+    notices[name] = { text: await page.textContent("#notice-text"), canRetry: await again.isVisible() };
   }
-  return { said };
+  return { notices };
 });
 site.close();

@@ -8,8 +8,8 @@ const [folder] = process.argv.slice(2);
 const site = await serveFolder(folder);
 await scenario({ viewport: { width: 500, height: 400 } }, async (page) => {
   let breaks = 2;
-  const heard = await fakeServer(page, (socket, said) => {
-    if (said.type !== "hello" || said.watch !== "replay" || breaks === 0) return false;
+  const heard = await fakeServer(page, (socket, message) => {
+    if (message.type !== "hello" || message.watch !== "replay" || breaks === 0) return false;
     breaks -= 1;
     socket.send(JSON.stringify(WELCOME));
     setTimeout(() => socket.close({ code: 1006 }), 300);

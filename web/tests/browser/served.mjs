@@ -17,17 +17,17 @@ const seen = (page) =>
   }));
 
 const without = await launched([], { viewport: { width: 1280, height: 800 } }, async (page) => {
-  await fakeServer(page, (socket, said) => {
-    if (said.type === "hello") socket.send(JSON.stringify({ ...WELCOME, sources: [] }));
+  await fakeServer(page, (socket, message) => {
+    if (message.type === "hello") socket.send(JSON.stringify({ ...WELCOME, sources: [] }));
     return true;
   });
   await page.goto(site.address);
   await until(page, "#lead", "no input");
   await until(page, "#source", "performance");
-  await until(page, "#shown", "from the truth");
+  await until(page, "#summary", "from the truth");
   const first = await seen(page);
   await page.screenshot({ path: `${pictures}/without.png` });
-  await page.dispatchEvent("#door-server", "click");
+  await page.dispatchEvent("#open-server", "click");
   await until(page, "#notice-text", "no input");
   await page.screenshot({ path: `${pictures}/asked.png` });
   const [notice, title] = await page.evaluate(() =>
@@ -38,8 +38,8 @@ const without = await launched([], { viewport: { width: 1280, height: 800 } }, a
 
 await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   let isThere = false;
-  const heard = await fakeServer(page, (socket, said) => {
-    if (said.type !== "hello" || said.watch !== "replay" || isThere) return false;
+  const heard = await fakeServer(page, (socket, message) => {
+    if (message.type !== "hello" || message.watch !== "replay" || isThere) return false;
     socket.send(JSON.stringify(WELCOME)); // and nothing follows
     return true;
   });
@@ -48,14 +48,14 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   await page.waitForTimeout(3000);
   const before = await seen(page);
   isThere = true;
-  await page.dispatchEvent("#door-server", "click"); // asked anew
+  await page.dispatchEvent("#open-server", "click"); // a new request
   await until(page, "#source", "server's own input");
-  await until(page, "#shown", "from the truth");
+  await until(page, "#summary", "from the truth");
   const after = await seen(page);
   await page.dispatchEvent("#settings", "click");
   for (const id of ["#calibrate", "#recentre", "#seated"]) await page.locator(id).dispatchEvent("click");
   const notice = await page.textContent("#notice-text");
   await page.waitForTimeout(500);
-  const asked = heard.filter(({ type }) => ["calibrate", "recentre", "settings"].includes(type));
-  return { without, before, after, notice, asked };
+  const requests = heard.filter(({ type }) => ["calibrate", "recentre", "settings"].includes(type));
+  return { without, before, after, notice, requests };
 }).finally(() => site.close());

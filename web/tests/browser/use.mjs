@@ -17,11 +17,11 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
     });
   const text = (id) => page.textContent(id);
   const notice = async (part) => (await until("#notice-text", part), text("#notice-text"));
-  await until("#shown", "tracked");
+  await until("#summary", "tracked");
   const facts = {};
   await until("#rate", "completed here");
-  await until("#shown", "from the truth");
-  facts.shown = await text("#shown");
+  await until("#summary", "from the truth");
+  facts.summary = await text("#summary");
 
   await page.addScriptTag({ path: AXE });
   await page.dispatchEvent("#settings", "click");
@@ -60,7 +60,7 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   // A part is switched off.
   const part = page.locator("#parts label", { hasText: "Left hand" }).locator("input");
   await part.dispatchEvent("click");
-  await until("#shown", "2 points");
+  await until("#summary", "2 points");
   await part.dispatchEvent("click");
 
   // The legend is there as long as colours mean something.
@@ -113,11 +113,11 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   await page.selectOption("#avatar", "The page's own");
   await drop("walk.bvh", readFileSync(motion));
   await until("#source", "walk.bvh");
-  await until("#shown", "from the truth");
-  facts.dropped = await text("#shown");
-  await page.dispatchEvent("#door-headset", "click");
+  await until("#summary", "from the truth");
+  facts.dropped = await text("#summary");
+  await page.dispatchEvent("#open-headset", "click");
   facts.headset = await notice("eadset");
-  facts.webcam = await page.isVisible("#door-webcam");
+  facts.webcam = await page.isVisible("#open-webcam");
   await page.screenshot({ path: `${pictures}/use.png` });
 
   // The network is gone: everything still works.
@@ -126,8 +126,8 @@ await scenario({ viewport: { width: 900, height: 420 } }, async (page) => {
   site.close();
   await page.context().setOffline(true);
   await page.reload();
-  await until("#shown", "from the truth");
-  facts.offline = await text("#shown");
+  await until("#summary", "from the truth");
+  facts.offline = await text("#summary");
   return facts;
 });
 process.exit(0);

@@ -11,17 +11,17 @@ await scenario({ viewport: { width: 520, height: 420 } }, async (page) => {
     });
   const text = (id) => page.textContent(id);
   await until("#source", "server's own input");
-  await until("#shown", "from the truth");
-  await until("#shown", "3 points");
+  await until("#summary", "from the truth");
+  await until("#summary", "3 points");
   await page.waitForTimeout(1500);
-  const before = { source: await text("#source"), shown: await text("#shown") };
+  const before = { source: await text("#source"), summary: await text("#summary") };
   await page.screenshot({ path: picture });
   await page.dispatchEvent("#settings", "click");
   for (const name of ["Left hand", "Right hand"])
     await page.locator("#parts label", { hasText: name }).locator("input").dispatchEvent("click");
   await page.waitForTimeout(4000);
-  const headOnly = await text("#shown");
-  await page.dispatchEvent("#door-performance", "click");
+  const headOnly = await text("#summary");
+  await page.dispatchEvent("#open-performance", "click");
   await until("#rate", "completed here");
   await until("#source", "performance");
   return { before, headOnly, notice: await page.isVisible("#notice") };

@@ -75,12 +75,14 @@ await scenario(
     await putOn(page);
     await armsOut(1.22, 1.4);
     await page.evaluate(() => {
-      window.said = [];
+      window.notices = [];
       const notice = document.getElementById("notice-text");
-      new MutationObserver(() => said.push(notice.textContent)).observe(notice, { childList: true });
+      new MutationObserver(() => notices.push(notice.textContent)).observe(notice, { childList: true });
     });
     facts.crouch = await measure("only");
-    facts.countdown = await page.evaluate(() => [...new Set(said.flatMap((line) => /(\d) …$/.exec(line)?.[1] ?? []))]);
+    facts.countdown = await page.evaluate(() => [
+      ...new Set(notices.flatMap((line) => /(\d) …$/.exec(line)?.[1] ?? [])),
+    ]);
     await stand(1.7);
     await armsOut(1.7, 1.4);
     facts.measured = await measure("You are measured.");
@@ -88,7 +90,7 @@ await scenario(
 
     // They stay measured from source to source, and over a reload.
     await takeOff(page);
-    await page.dispatchEvent("#door-performance", "click");
+    await page.dispatchEvent("#open-performance", "click");
     await says("#source", "performance");
     await stand(1.7);
     await putOn(page);

@@ -20,7 +20,7 @@ const until = (page, id, part) =>
 const nobody = await launched(FAKE, options, async (page) => {
   await slow(page);
   await page.goto(site.address);
-  await page.dispatchEvent("#door-webcam", "click"); // at once: what is pressed before the page is ready is not lost
+  await page.dispatchEvent("#open-webcam", "click"); // at once: what is pressed before the page is ready is not lost
   await until(page, "#notice-text", "Nobody");
   return page.textContent("#notice-text");
 });
@@ -31,23 +31,23 @@ await scenario(
     await page.goto(site.address);
     await until(page, "#source", "performance");
     await page.evaluate(() => {
-      window.said = [];
+      window.notices = [];
       const line = document.getElementById("camera-says");
-      new MutationObserver(() => said.push(line.textContent)).observe(line, { childList: true });
+      new MutationObserver(() => notices.push(line.textContent)).observe(line, { childList: true });
     });
-    for (let press = 0; press < 2; press++) await page.dispatchEvent("#door-webcam", "click"); // twice, as people do
+    for (let press = 0; press < 2; press++) await page.dispatchEvent("#open-webcam", "click"); // twice, as people do
     await until(page, "#source", "webcam");
     // The performance has 3 points: from 8 on they are the webcam's.
     const seen = await page.waitForFunction(
       () => {
-        const shown = document.getElementById("shown").textContent;
-        return Number(/(\d+) points/.exec(shown)?.[1]) >= 8 && shown;
+        const summary = document.getElementById("summary").textContent;
+        return Number(/(\d+) points/.exec(summary)?.[1]) >= 8 && summary;
       },
       null,
       { polling: 100 },
     );
-    const shown = await seen.jsonValue();
-    const [, points] = /(\d+) points/.exec(shown);
+    const summary = await seen.jsonValue();
+    const [, points] = /(\d+) points/.exec(summary);
     const notice = await page.textContent("#notice-text");
     await page.dispatchEvent("#record", "click");
     await page.waitForTimeout(12_000);
@@ -57,14 +57,14 @@ await scenario(
     const small = await page.evaluate(() => {
       const canvas = document.getElementById("camera-picture");
       const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-      return { said, isShown: canvas.checkVisibility(), colours: new Set(new Uint32Array(data.buffer)).size };
+      return { notices, isShown: canvas.checkVisibility(), colours: new Set(new Uint32Array(data.buffer)).size };
     });
     const [download] = await Promise.all([page.waitForEvent("download"), page.dispatchEvent("#save-bvh", "click")]);
     await download.saveAs(`${picture}.bvh`);
-    await page.dispatchEvent("#door-performance", "click");
+    await page.dispatchEvent("#open-performance", "click");
     await until(page, "#source", "performance");
     const isGone = await page.isHidden("#camera");
-    return { nobody, points, shown, notice, small, isGone, rate: await page.textContent("#rate") };
+    return { nobody, points, summary, notice, small, isGone, rate: await page.textContent("#rate") };
   },
   [...FAKE, `--use-file-for-fake-video-capture=${film}`],
 );

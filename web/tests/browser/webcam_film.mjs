@@ -29,7 +29,7 @@ await scenario(
       const blobs = await Promise.all(addresses.map(async (address) => (await fetch(address)).blob()));
       window.film = await Promise.all(blobs.map((blob) => window.bitmapOf(blob)));
     }, film);
-    await page.dispatchEvent("#door-webcam", "click");
+    await page.dispatchEvent("#open-webcam", "click");
     await until("#camera-says", "You are seen");
     await page.dispatchEvent("#record", "click");
     await page.evaluate(() => void (window.begun = performance.now()));
@@ -38,7 +38,7 @@ await scenario(
     await page.dispatchEvent("#record", "click");
     const [download] = await Promise.all([page.waitForEvent("download"), page.dispatchEvent("#save-bvh", "click")]);
     await download.saveAs(out);
-    return { shown: await page.textContent("#shown"), camera: await page.textContent("#camera-says") };
+    return { summary: await page.textContent("#summary"), camera: await page.textContent("#camera-says") };
   },
   FAKE,
 ).finally(() => site.close());

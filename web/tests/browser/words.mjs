@@ -34,7 +34,7 @@ await scenario({ viewport: { width: 640, height: 420 } }, async (page) => {
     await page.waitForTimeout(1000);
   }
   await click("#take-list button");
-  await says("#shown", "Recorded before");
+  await says("#summary", "Recorded before");
   await click("#play");
   await page.screenshot({ path: `${pictures}/take.png` });
   await click("#takes");
@@ -46,7 +46,7 @@ await scenario({ viewport: { width: 640, height: 420 } }, async (page) => {
   await click("#calibrate");
   await says("#notice-text", "sitting");
   await page.evaluate(() => (device.controllers.left.connected = device.controllers.right.connected = false));
-  await says("#shown", "1 point ");
+  await says("#summary", "1 point ");
   await takeOff(page);
 
   await click("#settings");

@@ -49,14 +49,14 @@ export async function refusals(weights) {
     setting: () => model.start({}, { ease: NaN }).step({ time: 0, points: [] }),
     closed: () => closed.person(),
   };
-  const said = {};
+  const messages = {};
   for (const [name, attempt] of Object.entries(wrong)) {
     try {
       await attempt();
     } catch (error) {
-      said[name] = error.message;
+      messages[name] = error.message;
     }
   }
   state.step({ time: 2, points: [head] }); // what was refused changed nothing
-  return said;
+  return messages;
 }

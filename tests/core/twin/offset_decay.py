@@ -1,4 +1,4 @@
-"""Settling: what the prediction changes at once because a sensor came or went is taken back, and fades.
+"""Decaying offsets that hide jumps of the prediction when a sensor comes or goes.
 
 A critically damped spring per joint: x(t) = (x₀ + (v₀ + k x₀) t) e^(-k t).
 """
@@ -20,15 +20,15 @@ if TYPE_CHECKING:
     from .state import PoseState
 
 DECISIVE = [HEAD, PELVIS, *(at(f"{side}_{end}") for end in ("wrist", "ankle") for side in ("left", "right"))]
-SETTLED = 0.1  # s after which about half is left
-STIFFNESS = 1.678 / SETTLED  # 1/s: (1 + x) e^-x is a half at x = 1.678
-TRUSTED = 0.7  # of a joint's spin is left after every frame in which a sensor came or went
-CARRIED = 0.5  # of the change of a joint's spin meanwhile is made gradual
+HALF_LIFE = 0.1  # s in which an offset at rest halves
+STIFFNESS = 1.678 / HALF_LIFE  # 1/s: (1 + x) e^-x is a half at x = 1.678
+TRUSTED = 0.7  # share of a joint's spin that remains after each frame with a change of sensors
+CARRIED = 0.5  # share of the change of a joint's spin that is made gradual
 
 
 @dataclass
-class Settling:
-    """What is left of a change of the prediction at one joint."""
+class OffsetDecay:
+    """Decaying offset that hides a jump of the predicted rotation of one joint."""
 
     off: np.ndarray = field(default_factory=lambda: np.zeros(3))  # rad, world
     speed: np.ndarray = field(default_factory=lambda: np.zeros(3))  # rad/s
@@ -36,20 +36,20 @@ class Settling:
     spin: np.ndarray = field(default_factory=lambda: np.zeros(3))  # rad/s, world
 
     def fade(self, interval: float) -> None:
-        """Let time pass."""
-        pace, left = self.speed + STIFFNESS * self.off, exp(-STIFFNESS * interval)
-        self.off = (self.off + interval * pace) * left
-        self.speed = (self.speed - STIFFNESS * interval * pace) * left
+        """Advance the spring by `interval` seconds."""
+        pace, remaining = self.speed + STIFFNESS * self.off, exp(-STIFFNESS * interval)
+        self.off = (self.off + interval * pace) * remaining
+        self.speed = (self.speed - STIFFNESS * interval * pace) * remaining
 
 
-def settle(seen: Tracked, predicted: Prediction, state: PoseState) -> None:
-    """Turn the predicted joints so that they go on as they moved when one of the decisive points comes or goes."""
+def decay_offsets(seen: Tracked, predicted: Prediction, state: PoseState) -> None:
+    """Continue the motion of predicted joints when one of the decisive points comes or goes."""
     changed = state.begun and (
         bool((seen.has_position[DECISIVE] != state.had_position[DECISIVE]).any())
         or seen.has_position[list(HIPS)].all() != state.had_position[list(HIPS)].all()
     )
     for j in range(BODY):
-        joint, rotation = state.settling[j], predicted.rotation[j].copy()
+        joint, rotation = state.offset_decay[j], predicted.rotation[j].copy()
         if state.begun:
             joint.fade(seen.interval)
         if changed:
@@ -57,7 +57,7 @@ def settle(seen: Tracked, predicted: Prediction, state: PoseState) -> None:
             joint.spin = TRUSTED * joint.spin
         elif state.begun:
             spin = turn_between(joint.predicted, rotation) / seen.interval
-            if state.unsettled:
+            if state.sensors_changed:
                 carried = CARRIED * (joint.spin - spin)
                 joint.off, joint.speed = joint.off + seen.interval * carried, joint.speed + carried
             joint.spin = spin
@@ -65,4 +65,4 @@ def settle(seen: Tracked, predicted: Prediction, state: PoseState) -> None:
             joint.off, joint.speed = np.zeros(3), np.zeros(3)
         joint.predicted = rotation
         predicted.rotation[j] = turned_by(rotation, joint.off)
-    state.unsettled = changed
+    state.sensors_changed = changed
