@@ -46,8 +46,8 @@ def text() -> str:
 
 def interface(kind: type, tag: str | None) -> str:
     """Return a dataclass as an interface; `tag` is its `type`."""
-    if kind is messages.Change:
-        return f'{remark(kind.__doc__)}export type Change = {{ type: "{tag}" }} & Partial<Settings>;\n'
+    if kind is messages.UpdateSettings:
+        return f'{remark(kind.__doc__)}export type UpdateSettings = {{ type: "{tag}" }} & Partial<Settings>;\n'
     hints, remarks = get_type_hints(kind), remarks_of(kind)
     lines = [f'  type: "{tag}";\n'] if tag else []
     for field in fields(kind):
