@@ -128,7 +128,7 @@ def test_a_folder_without_motion_is_refused(tmp_path: Path, described: Path) -> 
     with pytest.raises(BodysenseError, match=r"none: no such folder"):
         open_clips(tmp_path / "none")
     with pytest.raises(
-        BodysenseError, match=r"of its 3 clips is of split 'val' and of sport; its categories are sit, sport"
+        BodysenseError, match=r"none of its 3 clips is in split 'val' and in sport; its categories are sit, sport"
     ):
         open_clips(described, "val", ["sport"])
     with pytest.raises(BodysenseError, match=r"unknown split 'dev'; valid are train, val, test and all"):

@@ -116,7 +116,7 @@ def test_the_webcam_is_offered_only_with_its_files(
     (models / "pose_landmarker_full.task").unlink()
     new = ["page", "--out", str(tmp_path / "new"), "--webcam"]
     assert main([*new, "--landmarkers", str(models)]) == 2
-    message = f"bodysense: --landmarkers {models}: there is no pose_landmarker_full.task; see docs/video.md"
+    message = f"bodysense: --landmarkers {models}: there is no pose_landmarker_full.task; docs/video.md tells"
     assert capsys.readouterr().err.startswith(message)
     assert main(["page", "--out", str(tmp_path / "new"), "--landmarkers", str(models)]) == 2
     assert capsys.readouterr().err.endswith("is for the webcam; give --webcam, too\n")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from bodysense.devices.gloves.fillers import NetworkFiller
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodysense.body.glove import default_glove, marker_positions
 from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.gap_fillers import NetworkGapFiller
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.two_hands.continuity import Continuity
 
@@ -30,7 +30,7 @@ def output(hand: Skeleton, seed: int, hidden: int, seen: int) -> tuple[np.ndarra
     true = np.asarray(marker_positions(default_glove(), motion.pose))[: 1 + hidden + seen]
     markers = true.copy()
     markers[1 : 1 + hidden, MARKER] = np.nan
-    method = Continuity(NetworkFiller(Wrong(), [hand], fading=None))
+    method = Continuity(NetworkGapFiller(Wrong(), [hand], fading=None))
     state, found, offset = method.start(1), [], []
     for frame in markers:
         filled, state = method.fill(frame[None], INTERVAL, state)

@@ -267,7 +267,7 @@ def holes(
         parts: parts of the body to remove; all if omitted.
     """
     from bodysense_lab.clips import open_clips
-    from bodysense_lab.holes import PARTS, protocol_report, score_holes
+    from bodysense_lab.holes import PARTS, holes_report, score_holes
 
     source = open_data(data, table)
     total = source.count()
@@ -275,6 +275,6 @@ def holes(
     with progress_bar("scored", count) as advance:
         chosen = open_clips(source.path, source.split, at_most=count)
         gaps = score_holes(chosen, parts=parts or tuple(PARTS), advance=advance)
-    report = protocol_report(gaps, source.name)
+    report = holes_report(gaps, source.name)
     numbers = report.numbers | {"clips": float(count), "clips_in_split": float(total)}
     finish(replace(report, numbers=numbers), table)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from bodysense.devices.gloves.fillers import MARKER_COUNT, Filler, missing
+
+from bodysense.devices.gloves.gap_fillers import MARKER_COUNT, GapFiller, missing
 
 
 class ContinuityState(NamedTuple):
@@ -23,10 +24,10 @@ class Continuity:
 
     The output of a found marker starts at its prediction. The offset from there to the measured marker decays linearly
     at `speed` m/s. If the marker is hidden meanwhile, its offset stays. `filler` keeps the offset of a newly hidden
-    marker, as `NetworkFiller` with `fading=None` does. A marker without prediction is output where it is measured.
+    marker, as `NetworkGapFiller` with `fading=None` does. A marker without prediction is output where it is measured.
     """
 
-    filler: Filler
+    filler: GapFiller
     speed: float = 0.25
 
     def start(self, hands: int) -> ContinuityState:
@@ -35,7 +36,7 @@ class Continuity:
         return ContinuityState(self.filler.start(hands), known, np.zeros((hands, MARKER_COUNT, 3)))
 
     def fill(self, markers: np.ndarray, interval: float, state: ContinuityState) -> tuple[np.ndarray, ContinuityState]:
-        """See `Filler`."""
+        """See `GapFiller`."""
         known, offset = ~missing(markers), state.offset
         found = (known & ~state.known)[..., None]
         filled, filler = self.filler.fill(markers, interval, state.filler)

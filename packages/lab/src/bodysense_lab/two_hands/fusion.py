@@ -156,7 +156,7 @@ def sensed(trials: Trials) -> Observation:
 def _by_sensors(trials: Trials, rotation: np.ndarray, root: np.ndarray, wrist: np.ndarray) -> np.ndarray:
     """Return points (F, H, 21, 3) m of hands placed by their markers, with the flexion of sensors (F, H, 16, 4)."""
     axes = own_axes(np.stack([hand.axes for hand in trials.gloved_hands]))
-    flexion = inertial.sense(rotation, axes).flexion
+    flexion = inertial.sensor_flexion(rotation, axes).flexion
     local = joint_rotations(np.stack([flexion, 0 * flexion, 0 * flexion], axis=-1), axes)
     shape = hand_shape(trials.hands, trials.gloves)
     turned = np.concatenate([wrist[:, :, None], local], axis=2)

@@ -11,12 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from bodysense.devices.gloves.fillers import LastShape, NetworkFiller, Stack
 
 from bodysense.arrays import read_arrays
 from bodysense.body.glove import default_glove
 from bodysense.body.hand import glove_hands
 from bodysense.devices.gloves.device import GloveDevice, glove_device, gloved_sides, has_standard_gloves
+from bodysense.devices.gloves.gap_fillers import GapFillerStack, NetworkGapFiller, RigidGapFiller
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glove_models, natural_markers
 from bodysense.devices.gloves.networks import GloveNetwork, load_joint_network, load_marker_network
 from bodysense.errors import BodysenseError
@@ -91,9 +91,9 @@ def _device(signal: Signal, models: GloveModels) -> GloveDevice:
     sides = gloved_sides(signal.observation.points)
     device = glove_device(signal.person.skeleton, sides, models, SETTINGS)
     hands = tuple(device.hands.hands.values())
-    network = Continuity(NetworkFiller(models.markers, hands, fading=None))
-    last = LastShape(np.stack([natural_markers(default_glove(), hand) for hand in hands]))
-    return replace(device, hands=replace(device.hands, filler=Stack((network, last))))
+    network = Continuity(NetworkGapFiller(models.markers, hands, fading=None))
+    last = RigidGapFiller(np.stack([natural_markers(default_glove(), hand) for hand in hands]))
+    return replace(device, hands=replace(device.hands, filler=GapFillerStack((network, last))))
 
 
 def networks_of(options: PaperOptions) -> GloveModels:

@@ -14,7 +14,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.resting import resting_offset
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.io.clip import Clip
-from bodysense_lab.fit import cut_frames, played
+from bodysense_lab.fit import cut_frames, stream_sequences
 from bodysense_lab.unoc.body_sequences import Augmentation, augmented
 from bodysense_lab.unoc.point_network import PointNetwork, TrackedPoints
 
@@ -87,7 +87,7 @@ def carried_batches(
 ) -> Iterator[PointBatch]:
     """Endless chunks of whole clips, `batch` side by side, whose state carries over except where `begins`."""
     # A drawn clip plays whole, so that it counts by its length already.
-    for pieces, begins in played(lambda: sequences[int(rng.integers(len(sequences)))], batch, chunk):
+    for pieces, begins in stream_sequences(lambda: sequences[int(rng.integers(len(sequences)))], batch, chunk):
         yield collate(pieces, chunk, begins)
 
 

@@ -17,7 +17,7 @@ from bodysense.files import check_place
 from bodysense.io.clip import Clip
 from bodysense_lab.fit import announce_run, fit, set_seed_and_threads
 from bodysense_lab.parallel import worker_pool
-from bodysense_lab.progress import read_clips, tracked
+from bodysense_lab.progress import read_clips, with_progress_log
 from bodysense_lab.unoc.body_sequences import RATE, Augmentation, make_body_sequence
 from bodysense_lab.unoc.losses import LossWeights
 from bodysense_lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
@@ -105,7 +105,7 @@ def train_body(run: BodyTraining) -> None:
     read = make_body_sequence, partial(BodyNetwork, config, default_skeleton())
     sequences = _prepared(learned, *read, augmentations, run.passes, run.seed)
     validation = _prepared(watched, *read, (Augmentation(),), 1, run.seed)
-    task = BodyTask(network, schedule, sequences, validation, run.limited or None)
+    task = BodyTask(network, schedule, sequences, validation, run.trial_settings or None)
     _finish(
         *(run, task, fabric, "clips"),
         lambda card: write_onnx(network.cpu(), run.out, card),
@@ -128,7 +128,7 @@ def train_points(run: PointTraining) -> None:
     reader = partial(PointNetwork, replace(config, hidden=1, branch=(1,)), default_skeleton())
     sequences = _points(run, reader, "train", augmentations)
     validation = _points(run, reader, "val", (Augmentation(),))
-    task = PointTask(network, schedule, sequences, validation, run.limited or None)
+    task = PointTask(network, schedule, sequences, validation, run.trial_settings or None)
     _finish(
         *(run, task, fabric, "sequences"),
         lambda card: write_point_network(network.cpu(), run.out, run.task, card),
@@ -186,7 +186,7 @@ def _prepared(
     work = partial(_augmented, make=make, reader=reader, augmentations=augmentations, passes=passes, seed=seed)
     with worker_pool(processes, partial(torch.set_num_threads, 1)) as pool:
         made = [pool.submit(work, numbered) for numbered in enumerate(clips)]
-        done = tracked(made, "preparing sequences of the clips", len(made))
+        done = with_progress_log(made, "preparing sequences of the clips", len(made))
         return [sequence for sequences in done for sequence in sequences.result()]
 
 

@@ -146,7 +146,7 @@ def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric
     set_seed_and_threads(run.seed, run.threads)
     config, schedule, begun = VARIANTS[name].config, schedule_of(run, name), time.monotonic()
     network, sequences = BodyNetwork(config, default_skeleton()), sequences_of(run, config)
-    task = BodyTask(network, schedule, sequences["train"], _few(sequences["val"]), run.limited or None)
+    task = BodyTask(network, schedule, sequences["train"], _few(sequences["val"]), run.trial_settings or None)
     scores = fit(task, run.out / f"{name}.ckpt", report, fabric, report)
     if fabric.is_global_zero:
         write_weights_file(network.cpu(), run.out / f"{name}.pt", {})
@@ -177,7 +177,7 @@ def sequences_of(run: TablesTraining, config: BodyNetworkConfig) -> dict[str, li
     folder = run.out / "episodes" / "-".join(reads.values())
     found = {}
     for split in ("train", "val"):
-        expected: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split, **run.limited}
+        expected: dict[str, Any] = {**reads, "data": str(run.data.resolve()), "split": split, **run.trial_settings}
         found[split] = cached_sequences(folder / split, expected, partial(_make, run, config, split))
     return found
 
