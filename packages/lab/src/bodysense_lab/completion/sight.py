@@ -78,7 +78,7 @@ def resting_frames(balls: np.ndarray, ball_rest: float, rate: float) -> np.ndarr
     """
     speed = _speed(balls, rate)
     still = np.concatenate([speed[:1], speed]) < STILL
-    return (still & (balls[..., 1] < ball_rest + STANDING)).any(axis=-1)
+    return np.asarray((still & (balls[..., 1] < ball_rest + STANDING)).any(axis=-1))
 
 
 def upright_frames(pelvis: np.ndarray, pelvis_rest: float) -> np.ndarray:

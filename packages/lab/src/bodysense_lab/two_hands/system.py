@@ -93,7 +93,7 @@ def _device(signal: Signal, models: GloveModels) -> GloveDevice:
     hands = tuple(device.hands.hands.values())
     network = Continuity(NetworkGapFiller(models.markers, hands, fading=None))
     last = RigidGapFiller(np.stack([natural_markers(default_glove(), hand) for hand in hands]))
-    return replace(device, hands=replace(device.hands, filler=GapFillerStack((network, last))))
+    return replace(device, hands=replace(device.hands, gap_filler=GapFillerStack((network, last))))
 
 
 def networks_of(options: PaperOptions) -> GloveModels:
