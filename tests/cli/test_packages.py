@@ -57,6 +57,16 @@ def test_a_store_needs_the_laboratory(tmp_path: Path, refused: Refused) -> None:
     assert "a prepared store of motion, which packages/lab reads; in a clone of the repository: pip install" in line
 
 
+def test_help_lists_commands_by_their_first_paragraph(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["data", "--help"])
+    listed = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    assert "how each file was read." in listed and "Unreadable files" not in listed
+    with pytest.raises(SystemExit):
+        main(["data", "info", "--help"])
+    assert "Unreadable files" in capsys.readouterr().out
+
+
 @pytest.mark.usefixtures("alone")
 def test_help_lists_what_is_not_installed(capsys: pytest.CaptureFixture[str]) -> None:
     output = help_text(capsys)

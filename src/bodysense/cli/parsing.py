@@ -19,6 +19,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from tyro import _errors as events
 from tyro._fields import FieldDefinition
+from tyro._parsers import LazyParserSpecification
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 from tyro.extras import SubcommandApp
 
@@ -47,7 +48,7 @@ def run(application: SubcommandApp, description: str, given: Sequence[str]) -> A
         if reason is not None:
             raise BodysenseError(reason)
 
-    with _registry(), _unbroken_help(), events.on_parse_error(refuse):
+    with _registry(), _readable_help(), events.on_parse_error(refuse):
         if completes:
             return _complete(application, description, given)
         return application.cli(prog=PROGRAM, description=description, args=given)
@@ -100,19 +101,27 @@ def _registry() -> ConstructorRegistry:
 
 
 @contextmanager
-def _unbroken_help() -> Iterator[None]:
-    """Let tyro fill the lines of help texts. By default it keeps the line breaks and indents of the source."""
-    make = FieldDefinition.make
+def _readable_help() -> Iterator[None]:
+    """Let tyro fill the lines of help texts, and list commands by the first paragraph of their help.
+
+    By default it keeps the line breaks and indents of the source, and lists commands with their whole help.
+    """
+    make, prepare = FieldDefinition.make, LazyParserSpecification.__init__
 
     def filled(**field: Any) -> FieldDefinition:
         text = field.pop("helptext")
         return make(**field, helptext=lambda: _one_line(text() if callable(text) else text))
 
+    def listed(listing: LazyParserSpecification, description: str, _factory: Any) -> None:
+        prepare(listing, description.partition("\n\n")[0], _factory)
+
     FieldDefinition.make = staticmethod(filled)  # type: ignore[method-assign]
+    LazyParserSpecification.__init__ = listed  # type: ignore[method-assign]
     try:
         yield
     finally:
         FieldDefinition.make = staticmethod(make)  # type: ignore[method-assign]
+        LazyParserSpecification.__init__ = prepare  # type: ignore[method-assign]
 
 
 def _one_line(text: object) -> str | None:
