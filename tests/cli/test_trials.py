@@ -138,7 +138,7 @@ def test_a_trial_names_its_machine_first(
         return line(progress)
 
     for module in (fit, sweep):
-        monkeypatch.setattr(module, "line_of_progress", marked)
+        monkeypatch.setattr(module, "progress_line", marked)
     begun = time.process_time()
     assert main([*arguments(command, recorded, tmp_path, 2), "--devices", "1", "--nodes", "1"]) == 0
     assert marks[0] - begun < FIRST_LINE

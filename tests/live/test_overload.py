@@ -82,7 +82,7 @@ def test_an_overloaded_server_answers_every_wearer_evenly(
     server_of: Serving, connect: Connecting, monkeypatch: pytest.MonkeyPatch, wearers: int, load: float
 ) -> None:
     slow, decoded = SlowStep(load / (wearers * RATE)), []
-    monkeypatch.setattr(scheduler, "completed", slow)
+    monkeypatch.setattr(scheduler, "complete", slow)
     monkeypatch.setattr(session, "read_signal", lambda *given: decoded.append(None) or read_signal(*given))
     server = server_of()
     points = len(connect(server).welcome["points"])

@@ -59,7 +59,7 @@ def test_a_ping_is_answered() -> None:
 def test_numbers_of_a_real_server(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("uvicorn", reason="needs packages/live")
     out = tmp_path / "live.json"
-    monkeypatch.setattr("bodysense_lab.commands.bench.live._LARGEST", 8)
+    monkeypatch.setattr("bodysense_lab.commands.bench.live._MAX_SESSIONS", 8)
     bench_live(sessions=3, rate=20.0, seconds=2.0, most=True, json=out)
     numbers = json.loads(out.read_text())
     assert {"sessions", "rate_hz", "p50_ms", "p99_ms", "rss_mb", "rss_per_session_mb"} <= numbers.keys()
