@@ -216,7 +216,7 @@ def test_the_tracker_starts_with_numpy_and_little_else() -> None:
     packages = {name.partition(".")[0] for name in added} - sys.stdlib_module_names
     assert packages == {"bodysense", "array_api_compat"}
     assert not added & {"importlib.resources", "tempfile", "zipfile", "tomllib", "bodysense.body.glove"}
-    assert "bodysense.tracker" in added and len([name for name in added if name.startswith("bodysense.")]) < 19
+    assert "bodysense.tracker" in added and len([name for name in added if name.startswith("bodysense.")]) < 17
 
 
 def test_a_motion_is_tracked_without_the_solver_of_gloves() -> None:
