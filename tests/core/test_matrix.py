@@ -159,7 +159,10 @@ def test_kernels_agree_on_the_gates_of_a_recurrent_unit(
         np.testing.assert_array_equal(got, found[-1])
     reset, update = (expit(given[k].astype(float) + kept[k]) for k in (0, 1))
     candidate = np.tanh(given[2] + reset * kept[2])
-    np.testing.assert_allclose(found[-1], candidate + update * (before - candidate), atol=5e-6)
+    # Single precision rounds the candidate's sum; where its terms cancel, tanh is steep.
+    rounding = 2.0**-24 * (np.abs(given[2].astype(float)) + np.abs(reset * kept[2])) * (1 - candidate**2)
+    error = np.abs(found[-1] - (candidate + update * (before - candidate)))
+    assert (error < 4e-7 + 2 * rounding).all()
 
 
 def test_largest_numbers_do_not_overflow(library: ctypes.CDLL) -> None:
