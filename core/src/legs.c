@@ -8,7 +8,8 @@
 #define PULLS 6 /* times that measured legs pull a pelvis */
 static const float MAX_PELVIS_SHIFT = 0.15F; /* m, largest shift of the pelvis toward targets out of reach */
 static const float SETTLE = 0.06F;     /* s in which half of what a standing pelvis lacks is made up */
-static const float SEATED = 0.65F;     /* of a standing head's height: a lower head sits on the floor or lies */
+static const float LOW_HEAD = 0.71F;    /* of a standing head's height: a lower head sits low, kneels or lies */
+static const float SEATED = 0.76F;     /* of it: a higher head stands, or sits on a chair */
 static const float STRETCHED = 0.92F;  /* of it: a body lands from a jump with a head that is higher */
 static const float STEADY = 0.7F;      /* m/s: a head that moves faster up or down belongs to a body that jumps */
 static const float FALLING = 2.0F;     /* m/s, of a head that goes down below that: a slower one sits down or crouches */
@@ -63,7 +64,7 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
 /* 1 if feet carry the body: it stands, walks, crouches or is on a chair; 0 if it lies, sits on the floor or jumps. */
 static float uprightness(const body *b, const tracked *t, const pose_state *s) {
     float tall = standing_height(t, HEAD), high = b->point[HEAD].y - t->floor;
-    float risen = fminf(fmaxf((high / tall - SEATED) / 0.1F + 0.5F, 0.0F), 1.0F);
+    float risen = fminf(fmaxf((high / tall - LOW_HEAD) / (SEATED - LOW_HEAD), 0.0F), 1.0F);
     float fastest = s->head_speed.y < 0.0F && high < STRETCHED * tall ? FALLING : STEADY;
     float calm = fminf(fmaxf((fastest - fabsf(s->head_speed.y)) / (0.5F * fastest), 0.0F), 1.0F);
     return high > tall + 0.03F ? 0.0F : risen * calm;

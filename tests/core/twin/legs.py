@@ -18,7 +18,8 @@ from .vectors import STRAIGHT, UP, length, limited, mix, turn_between, turned_by
 PULLS = 6  # times that measured legs pull a pelvis
 MAX_PELVIS_SHIFT = 0.15  # m, largest shift of the pelvis toward targets out of reach
 SETTLE = 0.06  # s in which half of what a standing pelvis lacks is made up
-SEATED = 0.65  # of a standing head's height: a lower head sits on the floor or lies
+LOW_HEAD = 0.71  # of a standing head's height; a lower head sits low, kneels or lies
+SEATED = 0.76  # of it; a higher head stands, or sits on a chair
 STRETCHED = 0.92  # of it; a body lands from a jump with a head that is higher
 STEADY = 0.7  # m/s; a head that moves faster up or down belongs to a body that jumps
 FALLING = 2.0  # m/s, of a head that goes down below that; a slower one sits down or crouches
@@ -65,7 +66,7 @@ def pull_pelvis(body: Body, seen: Tracked, state: PoseState, tasks: list[Task]) 
 def uprightness(body: Body, seen: Tracked, state: PoseState) -> float:
     """Return 1 if feet carry the body (standing, crouching or on a chair), 0 if it lies, sits on the floor or jumps."""
     tall, high = rest_height(seen.rest_offset, HEAD), body.point[HEAD][1] - seen.floor
-    risen = float(np.clip((high / tall - SEATED) / 0.1 + 0.5, 0, 1))
+    risen = float(np.clip((high / tall - LOW_HEAD) / (SEATED - LOW_HEAD), 0, 1))
     fastest = FALLING if state.head_speed[1] < 0 and high < STRETCHED * tall else STEADY
     calm = float(np.clip((fastest - abs(state.head_speed[1])) / (0.5 * fastest), 0, 1))
     return 0.0 if high > tall + 0.03 else risen * calm
