@@ -12,6 +12,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from time import perf_counter
 from typing import Generic, Protocol, TypeVar
 
 from bodysense.estimate import Estimate
@@ -94,10 +95,10 @@ class Scheduler(Generic[Slot]):
         jobs = [(slot, job) for slot in batch if (job := self._job(slot)) is not None]
         if not jobs:
             return
+        begun = perf_counter()  # a loop's own clock may have milliseconds only
         loop = asyncio.get_running_loop()
-        begun = loop.time()
         found = await loop.run_in_executor(self._thread, complete, [job for _, job in jobs])
-        self._on_stepped(loop.time() - begun)
+        self._on_stepped(perf_counter() - begun)
         for (slot, job), result in zip(jobs, found, strict=True):
             if result is None:
                 slot.session.abandon()
