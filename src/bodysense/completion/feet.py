@@ -21,7 +21,11 @@ HOVER, LOWERING = 0.01, 0.2  # m above the floor from which a standing foot is l
 LOW, LOWEST = 0.3, 0.7  # probabilities of contact from which a foot is lowered a little, and completely
 STILL, LASTING = 0.6, 0.3  # reduction of `HOVER` for a body that stands still (a share); s for which it must do so
 FARTHEST_DOWN = 0.15  # m; largest lowering of both feet of a standing body
-STEADY = 0.7  # m/s; a head that moves up or down faster belongs to a body that jumps, sits down or rises
+# The rule of the core (core/src/legs.c) for bodies whose feet carry them.
+LOW_HEAD, SEATED = 0.71, 0.76  # of a standing head's height: it sits low, kneels or lies; it stands or sits on a chair
+STRETCHED = 0.92  # of it; a body lands from a jump with a head that is higher
+STEADY = 0.7  # m/s; a head that moves up or down faster belongs to a body that jumps
+FALLING = 2.0  # m/s, of a head that goes down below `STRETCHED`; a slower one sits down or crouches
 _SIDES = ("left", "right")
 
 
@@ -78,7 +82,7 @@ def sustained(share: Array, seconds: float) -> Array:
 
 
 def upright_share(position: Array, skeleton: Skeleton, floor: float, seconds: float) -> Array:
-    """Return the certainty (T,) in [0, 1] that a body stands or walks; 0 if it sits, lies or jumps.
+    """Return the certainty (T,) in [0, 1] that feet carry the body, which stands, walks or sits; 0 if it lies or jumps.
 
     Args:
         position: (T, P, 3) m, world.
@@ -90,6 +94,7 @@ def upright_share(position: Array, skeleton: Skeleton, floor: float, seconds: fl
     high = position[:, head, 1] - floor
     tall = float(skeleton.rest_offset[0, 1] + (skeleton.path @ skeleton.rest_offset)[head, 1])
     speed = np.gradient(high, seconds) if len(high) > 1 else np.zeros_like(high)
-    risen = np.clip((high / tall - 0.75) / 0.1, 0.0, 1.0)
-    calm = np.clip((STEADY - np.abs(speed)) / (0.5 * STEADY), 0.0, 1.0)
+    risen = np.clip((high / tall - LOW_HEAD) / (SEATED - LOW_HEAD), 0.0, 1.0)
+    fastest = np.where((speed < 0) & (high < STRETCHED * tall), FALLING, STEADY)
+    calm = np.clip((fastest - np.abs(speed)) / (0.5 * fastest), 0.0, 1.0)
     return np.where(high > tall + 0.03, 0.0, risen * calm)
