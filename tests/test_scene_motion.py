@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense_lab.synthesis.scenes import KINDS, SceneMotion, sequence
+from bodysense_lab.synthesis.scenes import KINDS, ScriptedScene, sequence
 
 RATE = 30.0
 FEET = ("left_foot", "right_foot")
 
 
-def scene(kind: str, seed: int) -> SceneMotion:
+def scene(kind: str, seed: int) -> ScriptedScene:
     return sequence(np.random.default_rng([seed, 77]), 300, RATE, kind=kind, margin=0.0)
 
 

@@ -75,7 +75,7 @@ class ArmPosture:
 
 
 @dataclass(frozen=True)
-class Step:
+class FootStep:
     """A step: a foot that is in the air from begin to end, s."""
 
     side: int
@@ -94,8 +94,8 @@ class Script:
     pace: float = 1.0  # speed of the person
     apart: float = 0.09  # m, from the middle to an ankle of a standing person
     outward: float = 7.0  # degrees that a standing foot is turned outward
-    steps: list[Step] = field(default_factory=list)
-    lifted: list[Step] = field(default_factory=list)  # feet off the floor that do not step
+    steps: list[FootStep] = field(default_factory=list)
+    lifted: list[FootStep] = field(default_factory=list)  # feet off the floor that do not step
     phases: list[tuple[Phase, float, float]] = field(default_factory=list)
     arms: list[list[tuple[float, float, ArmPosture]]] = field(default_factory=lambda: [[], []])
 
@@ -169,11 +169,11 @@ class Script:
 
     def step_recorded(self, side: int, begin: float, end: float) -> None:
         """Record that a foot is in the air from begin to end, s, and comes down elsewhere."""
-        self.steps.append(Step(side, begin, end))
+        self.steps.append(FootStep(side, begin, end))
 
     def lift_recorded(self, side: int, begin: float, end: float) -> None:
         """Record that a foot is off the floor from begin to end, s, and comes down in its old place."""
-        self.lifted.append(Step(side, begin, end))
+        self.lifted.append(FootStep(side, begin, end))
 
     def arm(self, side: int, posture: ArmPosture, begin: float, end: float) -> None:
         """Move an arm to a posture within begin to end, s."""
@@ -220,7 +220,7 @@ class Script:
                              **self.of(side, heel=heel))  # fmt: skip
         if toes_up:
             self.moves.pulse(begin + 0.4 * seconds, end, end, end + 0.35 * seconds, **self.of(side, toes_up=toes_up))
-            self.lifted.append(Step(side, end - 1e-3, end + 0.35 * seconds))  # the sole comes down
+            self.lifted.append(FootStep(side, end - 1e-3, end + 0.35 * seconds))  # the sole comes down
         self.moves.pulse(begin, begin + 0.4 * seconds, end - 0.4 * seconds, end, **self.of(side, swing=1.0))
         now = self.middle()
         gone = {"x": advance * (now[0] - middle[0]), "z": advance * (now[1] - middle[1])}
@@ -228,5 +228,5 @@ class Script:
         over = {"x": shift * (stance[0] - middle[0]), "z": shift * (stance[1] - middle[1])}
         self.moves.pulse(begin - lead, begin + 0.3 * seconds, end - 0.3 * seconds, end + lead, **over)
         self.moves.pulse(begin - lead, begin, end, end + lead, softness=softness)
-        self.steps.append(Step(side, begin, end))
+        self.steps.append(FootStep(side, begin, end))
         self.clock = max(self.clock, end)

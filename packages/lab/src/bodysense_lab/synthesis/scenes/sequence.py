@@ -15,7 +15,7 @@ from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
 from bodysense_lab.synthesis.scenes import arm_postures, low_scenes, seated_scenes, standing_scenes
 from bodysense_lab.synthesis.scenes.kinematics import frame_of, solve
 from bodysense_lab.synthesis.scenes.moves import Draw
-from bodysense_lab.synthesis.scenes.script import PHASES, Phase, Script, Step
+from bodysense_lab.synthesis.scenes.script import PHASES, Phase, Script, FootStep
 
 KINDS: dict[str, Callable[[Script], None]] = {
     "stand": standing_scenes.stand,
@@ -52,7 +52,7 @@ _LEAST_BEFORE = 1.5  # s of standing before the first scene
 
 
 @dataclass(frozen=True, eq=False)
-class SceneMotion:
+class ScriptedScene:
     """A scene: motion of the joints of `BODY` with its truth. World: +Y up, the floor at y = 0."""
 
     kinds: tuple[str, ...]  # scenes in it, in order
@@ -61,7 +61,7 @@ class SceneMotion:
     root: np.ndarray  # (T, 3) m, the pelvis
     rest_offset: np.ndarray  # (65, 3) m
     planted: np.ndarray  # (T, 2) bool: left and right foot are on the floor and do not move
-    steps: tuple[Step, ...]  # in s from the first frame
+    steps: tuple[FootStep, ...]  # in s from the first frame
     phase: np.ndarray  # (T, 4) bool, of `PHASES`
 
     def __len__(self) -> int:
@@ -99,7 +99,7 @@ def sequence(
     kind: str | None = None,
     margin: float = TRAINING_MARGIN,
     rest_offset: np.ndarray | None = None,
-) -> SceneMotion:
+) -> ScriptedScene:
     """Draw a scene of `frames` frames at `rate` Hz.
 
     Args:
@@ -128,14 +128,14 @@ def sequence(
     standing_scenes.glance(script, 0.0, begin + seconds)
     time = begin + np.arange(frames) / rate
     motion = solve(script, offset, time, rng)
-    return SceneMotion(
+    return ScriptedScene(
         kinds=tuple(names),
         rate=rate,
         rotation=matrix_to_quaternion(motion.rotation),
         root=motion.root,
         rest_offset=offset,
         planted=_planted(script, time),
-        steps=tuple(Step(one.side, one.begin - begin, one.end - begin) for one in script.steps
+        steps=tuple(FootStep(one.side, one.begin - begin, one.end - begin) for one in script.steps
                     if one.end > time[0] and one.begin < time[-1]),
         phase=np.stack([_within([(a, b) for which, a, b in script.phases if which == name], time)
                         for name in PHASES], axis=-1),
