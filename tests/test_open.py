@@ -35,7 +35,7 @@ def test_every_kind_of_source_is_recognised(tmp_path: Path, waving_clip: Clip) -
     (tmp_path / "a.png").write_bytes(b"")
     assert kind_of(tmp_path) == "video"  # a folder of images, whatever else is in it
     in_memory = open_source(waving_clip)
-    assert isinstance(in_memory, MotionSource) and in_memory.clip is waving_clip and in_memory.bvh is None
+    assert isinstance(in_memory, MotionSource) and in_memory.clip is waving_clip and in_memory.joint_file is None
     frames = open_source(seen)
     assert isinstance(frames, RecordingSource) and not frames.recording.known
 

@@ -28,12 +28,12 @@ from bodysense.body.rotation import (
 from bodysense.body.skeleton import BODY, LEG
 from bodysense.errors import BodysenseError
 from bodysense.estimate import CONTACT_POINTS, Estimate
-from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip, part_joints
 from bodysense.io.fingers import is_finger
 from bodysense.io.holes import Missing, flat_lined, missing_mask
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
-from bodysense.io.rigged import read_rigged
+from bodysense.io.rigged import open_joint_file, rigged_of
+from bodysense.io.rigs.joint_file import JointFile
 from bodysense.observation import EXACT_ACCURACY, Observation
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class PartialMotion:
     rotation: Array  # (T, J, 4) of the source's joints, parent ← joint; arbitrary in missing parts
     holes: Array  # (T, J) bool: missing in the source
     missing: Array  # (T, J) bool: holes that remain after interpolating joints that carry the whole body
-    file: BvhFile | None = None  # the source, if it is a file
+    file: JointFile | None = None  # the source, if it is a file
     line: str = ""  # description of the file's rig
 
     @property
@@ -94,9 +94,9 @@ def open_partial(source: Path | Clip, missing: Sequence[Missing], options: Readi
 
 
 def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOptions) -> PartialMotion:
-    file = open_bvh(path)
+    file = open_joint_file(path, options)
     clip, rig, line = _read(file, options)
-    holes = missing_mask(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
+    holes = missing_mask(missing, file.joints, file.parents, len(file.values), rig.ours) | ~file.has_number
     if not missing:
         holes |= flat_lined(file, rig)
     rotation, rest = _fill_trunk(str(path), rig, file.rotation, holes, 1 / file.frame_rate)
@@ -107,11 +107,11 @@ def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOption
     return PartialMotion(clip, rig, rotation, holes, rest, file, f"read {path}: {line}")
 
 
-def _read(file: BvhFile, options: ReadingOptions) -> tuple[Clip, SourceJoints, str]:
+def _read(file: JointFile, options: ReadingOptions) -> tuple[Clip, SourceJoints, str]:
     """Return the motion of a file on our joints, its own joints, and a line about its rig."""
     from bodysense.io.target_rigs.own_rig import joints_of_file
 
-    rigged = read_rigged(file.mended.text(), file.path, options)
+    rigged = rigged_of(file.mended, options)
     return rigged.clip, joints_of_file(file, rigged), rigged.rig.line()
 
 

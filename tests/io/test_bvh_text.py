@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_text import BvhFile, euler_near, open_bvh
+from bodysense.io.bvh_text import BvhFile, open_bvh
+from bodysense.io.rigs.joint_file import euler_near
 
 TEXT = """HIERARCHY\r
 ROOT Hips\r
