@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.coordination import FILE, ROOT, deviations
-from bodysense.body.rotation import Array
 from bodysense.body.skeleton import BODY
 from bodysense.files import written_beside
+from bodysense.geometry.rotation import Array
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.clips import open_clips
+from bodysense_lab.data.clips import open_clips
 
 OUTPUT = Path(__file__).parents[1] / "src" / "bodysense" / "body" / FILE
 RATE = 30.0  # Hz

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.hand import angles_of, hand_skeleton
+from bodysense.body.hands.hand import angles_of, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense_lab.synthesis.hands import synthesize_hand
 

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.files import written_beside
-from bodysense.io.gltf.humanoid import VRM_BONES
+from bodysense.io.formats.gltf.humanoid import VRM_BONES
 from bodysense_lab.rendering.character import Character, load_figure
 
 OUTPUT = Path(__file__).parents[1] / "web" / "public" / "avatar.vrm.gz"

@@ -22,7 +22,7 @@ from bodysense.cli import main as bodysense
 from bodysense.demo import packaged_performance, performance_of_unseen_body
 from bodysense.files import written_beside
 from bodysense.io.resample import resample
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
 from bodysense.pictures.camera import Lens
 from bodysense.pictures.comparison import View, draw_views
 

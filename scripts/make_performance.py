@@ -17,7 +17,7 @@ from performance.figure import machine
 from performance.staging import perform
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_log, quaternion_multiply
+from bodysense.geometry.rotation import quaternion_log, quaternion_multiply
 
 OUTPUT = Path(__file__).parents[1] / "src" / "bodysense" / "demo" / "performance.npz"
 Z_UP = np.array([np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0])  # +90° about X, the inverse of read_amass

@@ -15,8 +15,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from bodysense.io import protocol
-from bodysense_live import messages
+from bodysense.io.formats import protocol
+from bodysense_live.server import messages
 
 PLACE = Path(__file__).parents[1] / "web" / "src" / "protocol.ts"
 

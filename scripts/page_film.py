@@ -13,7 +13,7 @@ from pathlib import Path
 from PIL import Image
 
 from bodysense.files import written_beside
-from bodysense_live.page_files import write_page
+from bodysense_live.server.page_files import write_page
 
 ROOT = Path(__file__).parents[1]
 OUTPUT = ROOT / "docs" / "figures" / "film.webp"

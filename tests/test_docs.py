@@ -25,8 +25,8 @@ from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.device import simulate
 from bodysense.devices.video.landmarker_files import find_landmarkers
 from bodysense.io.clip import Clip
-from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
-from bodysense_live.marker_stream import write_frame
+from bodysense_lab.papers.pahmt.camera_view import FRONT, sample_cameras, view, view_points
+from bodysense_live.protocols.marker_stream import write_frame
 
 ROOT = Path(__file__).parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")), *sorted((ROOT / "packages").glob("*/README.md"))]

@@ -13,8 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.geometry.rotation import matrix_to_quaternion
 
 FINGERS = ("index", "middle", "ring", "pinky")
 # joint, axis, degree of freedom that turns it, share of the degree of freedom's angle; in the order of turning.

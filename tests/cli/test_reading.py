@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense import filling
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
-from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import read_bvh, write_bvh
 from bodysense.io.motion_files import write_motion
+from bodysense.takes import filling
 
 
 @pytest.fixture

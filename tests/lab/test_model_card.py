@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.model_card import (
+from bodysense_lab.core.model_card import (
     CARD_TEMPLATES,
     card_template,
     card_text,

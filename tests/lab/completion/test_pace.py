@@ -10,13 +10,13 @@ import pytest
 import torch
 from split_people import person_of, write_people
 
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense_lab.completion import corpus
-from bodysense_lab.completion.corpus import read_corpus
+from bodysense.io.formats.bvh import write_bvh
+from bodysense_lab.completion.data import corpus
+from bodysense_lab.completion.data.corpus import read_corpus
 from bodysense_lab.completion.pace import training_pace
-from bodysense_lab.completion.task import CompletionTaskConfig
-from bodysense_lab.precision import layer_precision
+from bodysense_lab.completion.training.task import CompletionTaskConfig
+from bodysense_lab.core.precision import layer_precision
 
 
 def test_motion_is_read_once_until_it_changes(

@@ -9,12 +9,12 @@ import numpy as np
 import torch
 
 from bodysense.io.clip import Clip
-from bodysense_lab.completion.corpus import Corpus, corpus_of
-from bodysense_lab.completion.network import CompletionNetwork
-from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
-from bodysense_lab.fit import launch_fabric, take_step
-from bodysense_lab.options import Schedule
-from bodysense_lab.precision import layer_precision
+from bodysense_lab.completion.data.corpus import Corpus, corpus_of
+from bodysense_lab.completion.networks.network import CompletionNetwork
+from bodysense_lab.completion.training.task import CompletionTask, CompletionTaskConfig
+from bodysense_lab.core.fit import launch_fabric, take_step
+from bodysense_lab.core.options import Schedule
+from bodysense_lab.core.precision import layer_precision
 
 
 def training_pace(

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Processes, Sessions, within
-from bodysense_lab.options import Json, Rate
+from bodysense_lab.core.options import Json, Rate
 
 
 def live_soak(

@@ -6,7 +6,7 @@ import time
 from dataclasses import asdict
 
 from bodysense.ranges import Count, Seed
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def packet_decoders(packets: Count = 1_000_000, seed: Seed = 1, json: Json = None) -> None:

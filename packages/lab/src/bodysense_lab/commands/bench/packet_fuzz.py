@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 
 from bodysense.ranges import Count, Seed
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def packet_fuzz(packets: Count = 1_000_000, seed: Seed = 1, json: Json = None) -> None:

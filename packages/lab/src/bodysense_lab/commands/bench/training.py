@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bodysense.ranges import Count, Processes
 from bodysense_lab.commands.bench.timing import report
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def training(steps: Count = 6, threads: Processes = 1, json: Json = None) -> None:
@@ -18,7 +18,7 @@ def training(steps: Count = 6, threads: Processes = 1, json: Json = None) -> Non
     """
     from bodysense.demo import packaged_performance
     from bodysense_lab.completion.pace import training_pace
-    from bodysense_lab.unoc.pace import throughput
+    from bodysense_lab.papers.unoc.pace import throughput
 
     clip = packaged_performance()
     report("training", training_pace(clip, steps, threads) | throughput(clip, steps, threads), json)
