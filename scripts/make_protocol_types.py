@@ -1,4 +1,4 @@
-"""Write web/src/protocol.ts, numbers and text messages of the protocol as TypeScript, from bodysense_live.
+"""Write web/src/server/protocol.ts, numbers and text messages of the protocol as TypeScript, from bodysense_live.
 
 python scripts/make_protocol_types.py [--check]
 """
@@ -18,7 +18,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from bodysense.io.formats import protocol
 from bodysense_live.server import messages
 
-PLACE = Path(__file__).parents[1] / "web" / "src" / "protocol.ts"
+PLACE = Path(__file__).parents[1] / "web" / "src" / "server" / "protocol.ts"
 
 
 def text() -> str:

@@ -1,7 +1,7 @@
 /** Measuring the wearer: a countdown, two seconds of standing still, and a question if the result looks like a crouch. */
 
 import { calibrated, LASTS } from "./calibration";
-import type { Observation } from "./body/observation";
+import type { Observation } from "../body/observation";
 import type { Measurement } from "./wearer";
 
 const COUNTDOWN = 3; // s to stand up straight

@@ -1,7 +1,6 @@
 /** Takes: recorded frames, each take with a name and an optional cut. They outlive their sources. */
 
 import type { BodyFrame, History, Moment } from "./history";
-import type { KeptTakes } from "./kept_takes";
 
 export interface Take {
   readonly id: number; // ms since 1970, when it began
@@ -14,7 +13,11 @@ export interface Take {
 export type Description = Pick<Take, "id" | "name" | "part">;
 
 /** Keeps takes over a reload. */
-export type Keeper = Pick<KeptTakes, "add" | "describe" | "remove">;
+export interface Keeper {
+  add(id: number, frames: readonly BodyFrame[]): void;
+  describe(description: Description): void;
+  remove(id: number): void;
+}
 
 const NOWHERE: Keeper = { add: () => undefined, describe: () => undefined, remove: () => undefined };
 const KEPT_AT_A_TIME = 300; // frames between two writes: a page that crashes loses no more

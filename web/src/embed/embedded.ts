@@ -1,21 +1,21 @@
 /** The page inside another one (`?embed`): a body that plays a motion, steered by messages, without controls. */
 
 import type { EmbedCommand, EmbedEvent } from "@bodysense/core/embed";
-import type { Skeleton } from "./body/skeleton";
+import type { Skeleton } from "../body/skeleton";
 import type { Embedder } from "./embedder";
-import type { Engine } from "./engine/engine";
-import type { FirstFiles } from "./first";
-import { History, type Moment } from "./history";
-import { Live } from "./live";
-import { reasonOf, type Notice } from "./notice";
-import { DEFAULT_SETTINGS } from "./settings";
-import { ClipSource } from "./sources/clip_source";
-import { RecordingSource } from "./sources/recording_source";
-import { themed } from "./ui/theme";
-import { Bodies } from "./view/bodies";
-import type { View } from "./view/scene";
-import { addOwn } from "./view/wardrobe";
-import { NOBODY } from "./wearer";
+import type { Engine } from "../engine/engine";
+import type { FirstFiles } from "../first";
+import { History, type Moment } from "../takes/history";
+import { Live } from "../live";
+import { reasonOf, type Notice } from "../notice";
+import { DEFAULT_SETTINGS } from "../settings";
+import { ClipSource } from "../sources/clip_source";
+import { RecordingSource } from "../sources/recording_source";
+import { themed } from "../ui/theme";
+import { Bodies } from "../view/bodies";
+import type { View } from "../view/scene";
+import { addOwn } from "../view/wardrobe";
+import { NOBODY } from "../wearer/wearer";
 
 const EARLY = 1e-3; // s: rounding of times
 const LATE = 0.5; // s after the end: a frame of the next round
@@ -94,7 +94,7 @@ export class EmbeddedPage {
     const turn = ++this.turns[part];
     const isNewest = (): boolean => turn === this.turns[part];
     this.attempt(async () => {
-      const { fileAt, openFile } = await import("./files/open");
+      const { fileAt, openFile } = await import("../files/open");
       const file = typeof given === "string" ? await fileAt(given, this.base) : given;
       const opened = await openFile(file, this.skeleton);
       if (!isNewest()) return;

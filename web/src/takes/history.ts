@@ -1,8 +1,8 @@
 /** The completed bodies, up to a limit; the timeline and saved files read them. */
 
-import { lastIndex } from "./body/math";
-import type { Point } from "./body/observation";
-import type { Body } from "./body/skeleton";
+import { lastIndex } from "../body/math";
+import type { Point } from "../body/observation";
+import type { Body } from "../body/skeleton";
 
 /** A frame of a body's motion, as files store it. */
 export interface BodyFrame {

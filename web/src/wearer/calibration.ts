@@ -1,7 +1,7 @@
 /** Calibration: measures head height and arm reach in two seconds of standing upright with the arms out. */
 
-import { distance, type Vector } from "./body/math";
-import type { Observation } from "./body/observation";
+import { distance, type Vector } from "../body/math";
+import type { Observation } from "../body/observation";
 import { isWithin, REACHES, type Measurement } from "./wearer";
 
 export const LASTS = 2; // s

@@ -1,8 +1,8 @@
 /** Storage of takes in this browser, so that they survive a reload. */
 
 import type { BodyFrame } from "./history";
-import { whyNotStored } from "./settings";
-import type { Description, Take } from "./takes";
+import { whyNotStored } from "../settings";
+import type { Description, Keeper, Take } from "./takes";
 
 const [NAME, STORE, VERSION] = ["bodysense", "takes", 2] as const;
 
@@ -14,7 +14,7 @@ interface Chunk {
   readonly restOffset: Float32Array; // (points × 3) m, of the last
 }
 
-export class KeptTakes {
+export class KeptTakes implements Keeper {
   private turn: Promise<void> = Promise.resolve(); // the last write; writes run one after another
   private failing: number | null = null; // the take that could not be stored: the rest of it is not tried
 
