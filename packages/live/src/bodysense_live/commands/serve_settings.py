@@ -33,7 +33,7 @@ from bodysense_live.protocols.vmc import VmcTrackers
 from bodysense_live.protocols.vrchat import parts_of
 from bodysense_live.protocols.vrchat_link import VrchatSettings
 from bodysense_live.security.certificate import check_pair, lan_address, own_certificate, state_folder
-from bodysense_live.security.safety import ANY_ORIGIN, Access, Limits, is_loopback
+from bodysense_live.security.safety import ANY_ORIGIN, Access, Limits, RecordingLimits, is_loopback
 from bodysense_live.server.messages import LONGEST_HALF_LIFE, Settings
 from bodysense_live.server.session_store import check_store
 from bodysense_live.server.settings import ServerSettings
@@ -74,7 +74,7 @@ def settings_of(
     posture = "seated" if wearer.seated else "standing"
     return ServerSettings(
         access=access_of(access.host, access.token, origin, access.lan, access.certificate, access.key),
-        limits=replace(Limits(), sessions=load.sessions),
+        limits=Limits(sessions=load.sessions, recording=recording_limits(load)),
         allow_record=None if load.allow_record is None else writable_folder("--allow-record", load.allow_record),
         playable=playable_of(inputs.replay, inputs.device, reading, person),
         person=person,
@@ -98,6 +98,13 @@ def settings_of(
         solarxr=SolarxrSettings(runtime_folder(os.environ), to.solarxr_port) if to.solarxr else None,
         slimevr=SlimevrSettings(to.slimevr_host, to.slimevr_port, joints) if to.slimevr else None,
     )
+
+
+def recording_limits(load: LoadOptions) -> RecordingLimits:
+    """Return the limits of recordings. Raises BodysenseError for a limit without a folder."""
+    if load.allow_record is None and load.record_megabytes != LoadOptions.record_megabytes:
+        raise BodysenseError("--record-megabytes is for recordings; give a folder for them with --allow-record")
+    return RecordingLimits(folder_megabytes=load.record_megabytes)
 
 
 def check_chosen(programs: ProgramOptions) -> None:

@@ -11,7 +11,6 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.osc import bundled, message_bytes
-from bodysense_lab.serving.hostile_clients import corrupted
 from bodysense_lab.serving.solarxr_client import request
 from bodysense_live.protocols.slimevr import SlimevrState, take
 from bodysense_live.protocols.solarxr.solarxr import read_bundle, settings_bundle
@@ -20,6 +19,8 @@ from bodysense_live.protocols.steamvr.vmt import VmtReader
 from bodysense_live.protocols.vmc import VmcTrackers
 from bodysense_live.protocols.vrchat import VrchatReader
 from bodysense_live.sessions.tracked_devices import DeviceReader
+
+from .hostile_clients import corrupted
 
 _POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)
 _HERE = ("127.0.0.1", 50000)
