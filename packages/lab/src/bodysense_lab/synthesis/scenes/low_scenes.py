@@ -119,7 +119,7 @@ def _put_knee(script: Script, side: int, begin: float, seconds: float, *, rises:
 
 
 def _go_down(script: Script, side: int) -> None:
-    """FootStep back with one foot and lower its knee to the floor."""
+    """Step back with one foot and lower its knee to the floor."""
     draw, frame = script.draw, script.frame
     square_feet(script)
     script.wait(0.3, 0.6)
