@@ -44,4 +44,4 @@ def test_world_rotations_equal_forward_kinematics(seed: int) -> None:
     skeleton = default_skeleton()
     local = turns(seed, len(skeleton.joints))
     _, world = forward_kinematics(Pose(skeleton, np.zeros(3), local))
-    np.testing.assert_allclose(products.world_rotation(skeleton, local), world, atol=1e-12)
+    np.testing.assert_allclose(products.world_rotation(skeleton.parents, skeleton.levels, local), world, atol=1e-12)

@@ -6,7 +6,6 @@ import numpy as np
 
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.skeleton import BODY, Skeleton
-from bodysense.geometry.products import multiply
 
 
 def body_skeleton(skeleton: Skeleton) -> Skeleton:
@@ -28,12 +27,3 @@ def whole_pose(skeleton: Skeleton, root_position: np.ndarray, rotation: np.ndarr
     whole = np.broadcast_to(standing_pose(skeleton).rotation, (*rotation.shape[:-2], len(skeleton.joints), 4)).copy()
     whole[..., skeleton.indices(BODY), :] = rotation
     return Pose(skeleton, root_position, whole)
-
-
-def world_rotation(skeleton: Skeleton, local: np.ndarray) -> np.ndarray:
-    """Return world rotations of all joints from local ones: (J, 4) → (J, 4)."""
-    world = local.copy()
-    for joints, _ in skeleton.levels[1:]:
-        above = [skeleton.parents[joint] for joint in joints]
-        world[joints] = multiply(world[above], local[joints])
-    return world

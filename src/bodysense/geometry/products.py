@@ -5,6 +5,8 @@ For loops at run time over single frames. `rotation.py` has the same functions f
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 # fmt: off
@@ -68,6 +70,17 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return vector products (..., 3), without the overhead of NumPy's function."""
     one, other = a.take(_YZX, axis=-1) * b.take(_ZXY, axis=-1), a.take(_ZXY, axis=-1) * b.take(_YZX, axis=-1)
     return one - other
+
+
+def world_rotation(
+    parents: Sequence[int], levels: Sequence[tuple[np.ndarray, np.ndarray]], local: np.ndarray
+) -> np.ndarray:
+    """Return world rotations of a tree's joints from local ones, (J, 4) → (J, 4); its levels are a skeleton's."""
+    world = local.copy()
+    for joints, _ in levels[1:]:
+        above = [parents[joint] for joint in joints]
+        world[joints] = multiply(world[above], local[joints])
+    return world
 
 
 def log(q: np.ndarray) -> np.ndarray:

@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.body_joints import world_rotation
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.geometry.products import world_rotation
 from bodysense.io.formats.protocol import PoseFrame, SignalFrame
 from bodysense.observing.observation import Observation
 from bodysense_live.protocols.webxr import Placement
@@ -47,7 +47,8 @@ class Answer:
     @cached_property
     def turns(self) -> np.ndarray:
         """Rotations of all joints, world ← joint, (J, 4) wxyz."""
-        return world_rotation(self.pose.skeleton, np.asarray(self.pose.rotation))
+        skeleton = self.pose.skeleton
+        return world_rotation(skeleton.parents, skeleton.levels, np.asarray(self.pose.rotation))
 
     @cached_property
     def in_signal(self) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
