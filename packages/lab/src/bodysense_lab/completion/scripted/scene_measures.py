@@ -58,7 +58,7 @@ def measure_scene(
         if low.any():
             scores.add("lost_low_hand_cm", float(error[:, wrists][low].mean()), int(low.sum()))
     low_points = skeleton.indices([f"{side}_{name}" for name in _FLOOR_POINTS for side in SIDES])
-    scores.add_share("under_floor_share", (position[:, low_points, 1] < -UNDER).any(axis=1))
+    scores.add_share("under_floor_share", np.any(position[:, low_points, 1] < -UNDER, axis=1))
     return scores
 
 
@@ -94,7 +94,7 @@ def _measure_feet(
         scores.add_share(f"float_{phase}_share", sight.floating_frames(balls, true_balls, rest)[during])
     kneels = scripted.in_phase("kneeling")
     if kneels.any():
-        over = balls[kneels, :, 1] > np.maximum(true_balls[kneels, :, 1], rest) + sight.FLOATING
+        over = np.asarray(balls[kneels, :, 1] > np.maximum(true_balls[kneels, :, 1], rest) + sight.FLOATING)
         scores.add_share("float_kneeling_share", over)
         scores.add("kneeling_legs_cm", float(error[kneels][:, skeleton.indices(LEGS)].mean()), int(kneels.sum()))
     bent, true_bent = (

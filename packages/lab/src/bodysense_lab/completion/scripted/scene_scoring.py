@@ -138,7 +138,7 @@ def score_headsets(folder: Path, track: PeopleTracker) -> Iterator[tuple[str, Ru
             feet, rest = one.position[:, balls], float(heights[balls[0]])
             scores.add_share("gliding_share", gliding_feet(feet, rest)[calm_frames(path.position)].any(axis=1))
             stands = path.position[:, 1] > STANDS * heights[head]
-            scores.add_share("float_share", (feet[..., 1].min(axis=-1) > rest + FLOATING)[stands])
+            scores.add_share("float_share", np.asarray(feet[..., 1].min(axis=-1) > rest + FLOATING)[stands])
         yield palms, scores
 
 
