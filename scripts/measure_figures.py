@@ -138,7 +138,7 @@ def gloves_expected(hands: int = 40, seconds: float = 12.0) -> dict[str, float]:
         if trials is None:
             continue
         away = rng.random((len(trials), 9)) < rng.choice([0.15, 0.5, 1.0], size=(len(trials), 1))
-        solver = hands_of(trials, models, HandsSettings(contact=None))
+        solver = hands_of(trials, models, HandsSettings())
         answers, _ = solver.step(observed(trials, away), solver.start())
         for k, answer in enumerate(answers.values()):
             frames = slice(0, trials.frames[k])

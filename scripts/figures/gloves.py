@@ -188,7 +188,7 @@ def occlusion(numbers: Numbers) -> str:
 
 
 def limits(numbers: Numbers) -> str:
-    """Return the limits of the paper's gloves, without and with our remedies."""
+    """Return the limits of the paper's gloves."""
     rows = []
     for prefix, motion in (("", "recorded"), ("synthesised_", "synthesised")):
         for line in LINES:
@@ -196,7 +196,7 @@ def limits(numbers: Numbers) -> str:
             if any(value is not None for value in cells):
                 figures = ["–" if value is None else f"{line.factor * value:.2f}" for value in cells]
                 rows.append([motion, line.limit, line.figure, *figures])
-    return markdown(["motion", "limit", "figure", "truth", "without", "with"], rows)
+    return markdown(["motion", "limit", "figure", "truth", "without rejection", "output"], rows)
 
 
 def fusion(numbers: Numbers) -> str:
@@ -263,7 +263,6 @@ def speed(numbers: Numbers) -> str:
     labels = {
         "": "one marker hidden a hand",
         "_all": "nothing hidden",
-        "_contact": "one hidden, and contact",
     }
     rows = [
         [label, *(f"{numbers[f'{hands}{key}_p50_ms']:.2f}" for hands in ("one_hand", "two_hands"))]

@@ -23,7 +23,7 @@ from bodysense_lab.papers.two_hands.score.baselines import LastKnown
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion
 
-FREE = HandsSettings(contact=None)
+FREE = HandsSettings()
 
 
 class ConstantNetwork:
@@ -254,7 +254,7 @@ def test_a_custom_gap_filler_without_rejection(
     frames = markers[:30].copy()
     frames[10:, 5] = np.nan
     unfilled = np.where(np.isnan(frames), frames[9], frames)
-    plain = HandsSettings(rejection=None, contact=None)
+    plain = HandsSettings(rejection=None)
     estimates = track(Hands({"left": hand}, small_models, plain, gap_filler=LastKnown()), observe_gloves(left=frames))
     wanted = track(Hands({"left": hand}, small_models, plain), observe_gloves(left=unfilled))
     np.testing.assert_allclose(estimates["left"].position, wanted["left"].position, atol=1e-9)

@@ -23,7 +23,7 @@ from bodysense.observing.observation import Observation, joined_points
 from bodysense_lab.synthesis.motion import HandMotion
 
 FLEXIONS = [k for k, row in enumerate(FREEDOMS) if row.angle == "flexion"]
-ALONE = HandsSettings(rejection=None, contact=None)
+ALONE = HandsSettings(rejection=None)
 UP = np.array([0.0, 1.0, 0.0])
 
 

@@ -40,6 +40,7 @@ class Transport:
     available: np.ndarray | None = None  # (T,) s, when each became available, on the clock of the samples
     device_time: np.ndarray | None = None  # (T,) s, of the device's own clock
     all_tracked: np.ndarray | None = None  # (T,) bool, the device's own summary of its joints
+    all_valid: np.ndarray | None = None  # (T,) bool, whether all joints of that summary are valid, hands included
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,6 +33,16 @@ from bodysense_lab.completion.training.options import (
 )
 from bodysense_lab.core.options import Data, Flat, Json, Table, TableOptions
 
+SceneSetName = Literal[
+    "head",
+    "three_point",
+    "hands_in_view",
+    "lost_hands",
+    "headset_camera",
+    "six_point",
+    "head_unknown",
+    "three_point_unknown",
+]
 Network = Annotated[Path | None, tyro.conf.arg(help="completion network of your own; the packaged one if omitted")]
 
 
@@ -224,6 +234,58 @@ def sight(headset: Path | None = None, model: Network = None, json: Json = None)
     with Console().status("tracking …"):
         scores = score_wearers(PeopleTracker(model).network, headset)
     show(sight_report(scores), json)
+
+
+def scenes(
+    split: Literal["val", "test"] = "test",
+    scenes: Count = 4,
+    sets: tuple[SceneSetName, ...] = (),
+    kinds: tuple[str, ...] = (),
+    headset: Path | None = None,
+    model: Network = None,
+    sheet: Path | None = None,
+    sheet_set: SceneSetName = "three_point",
+    jobs: Processes | None = None,
+    json: Json = None,
+) -> None:
+    """Score scripted people at home, who step, turn, bow, kneel, sit and reach, by sets of sensors.
+
+    Args:
+        split: seeds of the scenes; networks are compared on `val`.
+        scenes: scenes of each kind.
+        sets: sets of sensors; all if omitted.
+        kinds: kinds of scenes; all if omitted.
+        headset: folder of recorded headsets (headset_takes.npz); left out if omitted.
+        sheet: picture (PNG) of a scene of each kind, the truth over the result.
+        sheet_set: set of sensors of the picture.
+        jobs: processes; one for each core if omitted.
+    """
+    from bodysense.cli.show import wide_console, write_numbers
+    from bodysense_lab.completion.score.tracking import PeopleTracker
+    from bodysense_lab.completion.scripted.scene_scoring import SETS, SceneWork, scene_jobs, score_headsets
+    from bodysense_lab.completion.scripted.scene_strips import draw_strips
+    from bodysense_lab.completion.scripted.scene_tables import merge_scores, scene_numbers, scene_reports
+    from bodysense_lab.core.parallel import parallel_map
+    from bodysense_lab.synthesis.scenes import KINDS
+
+    check_places(json, sheet)
+    unknown = [kind for kind in kinds if kind not in KINDS]
+    if unknown:
+        raise BodysenseError(f"--kinds {unknown[0]}: no scene of this kind; give some of {', '.join(KINDS)}")
+    track = PeopleTracker(model)
+    _ = track.network  # refuse other files before any work
+    chosen = kinds or tuple(KINDS)
+    todo = scene_jobs(split, chosen, scenes)
+    done = parallel_map(SceneWork(track, sets or tuple(SETS)), todo, jobs or os.cpu_count() or 1)
+    scored = merge_scores(with_progress_bar(done, "scored", len(todo)))
+    headsets = {} if headset is None else dict(score_headsets(headset, track))
+    console = wide_console()
+    for report in scene_reports(scored, headsets, f"{split}, {scenes} of each kind"):
+        print_report(report, console)
+    write_numbers(json, scene_numbers(scored, headsets))
+    if sheet is not None:
+        draw_strips(sheet, scene_jobs(split, chosen, 1), sheet_set, track)
+        console.print(f"wrote {sheet}", highlight=False)
 
 
 def untracked_fingers(

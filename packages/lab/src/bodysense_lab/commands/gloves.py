@@ -88,8 +88,8 @@ def gloves_limits(
 ) -> None:
     """Two hands, section 7: overlapping hands, pinches, wrong markers, markers without labels, jumps.
 
-    Two hands are tracked by a ring of cameras and completed with and without the contact step. Wrong samples are
-    accepted or rejected. Markers without labels are labelled again.
+    Two hands are tracked by a ring of cameras and completed. Wrong samples are accepted or
+    rejected. Markers without labels are labelled again.
     """
     from bodysense.devices.gloves.hands import load_glove_models
     from bodysense.devices.simulated.camera_ring import CameraRing

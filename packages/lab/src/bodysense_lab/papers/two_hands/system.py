@@ -31,7 +31,7 @@ from bodysense_lab.papers.two_hands.continuity import Continuity
 from bodysense_lab.weights import packaged
 
 FORMS: tuple[Variant, ...] = ("paper", "shipped")
-SETTINGS = HandsSettings(rejection=None, contact=None, speed=0.25, unseen_speed=0.25, fading=None, restraint=0.0)
+SETTINGS = HandsSettings(rejection=None, speed=0.25, unseen_speed=0.25, fading=None, restraint=0.0)
 FILES = ("glove_markers.onnx", "glove_joints.onnx")
 PAPER_FILES = ("glove_markers_paper.onnx", "glove_joints_paper.onnx")  # packaged
 

@@ -1,14 +1,13 @@
 """Measurements of the limits that the paper states for its gloves (two-hands, section 7).
 
-Two hands are watched by a ring of cameras and completed by the run time as users have it, with and without its last
-step, contact ('after' and 'before'); again with wrong samples among their markers, believed or rejected; and
-again with markers that have no names.
+Two hands are watched by a ring of cameras and completed by the run time as users have it; again with wrong samples
+among their markers, believed or rejected; and again with markers that have no names.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -74,16 +73,13 @@ def measure_pair(pair: HandPair, models: GloveModels, cameras: CameraRing, rng: 
     """Measure everything of one recording, under the keys of `limits_report`."""
     findings = Findings()
     watched = observe_hands(pair.hands, pair.time, GloveCapture(cameras), rng, pair.body)
-    without = replace(HandsSettings(), contact=None)
-    motions = {"before": completed(pair, watched, models, without)}
-    motions["after"] = completed(pair, watched, models, HandsSettings())
-    for name, motion in ({"truth": pair} | motions).items():
+    output = completed(pair, watched, models, HandsSettings())
+    for name, motion in (("truth", pair), ("output", output)):
         count_penetration(findings, name, motion)
-    for name, motion in motions.items():
-        count_touches(findings, name, motion, pair)
-        predicted, true = points_of(motion), points_of(pair)
-        findings.add(f"error_cm_{name}", joint_error(predicted, true))
-        count_jumps(findings, name, predicted, true)
+    count_touches(findings, output, pair)
+    predicted, true = points_of(output), points_of(pair)
+    findings.add("error_cm_output", joint_error(predicted, true))
+    count_jumps(findings, predicted, true)
     for share in SPIKES:
         noisy = observe_hands(pair.hands, pair.time, GloveCapture(spikes=share), rng)
         for name, rejection in (("rejected", HandsSettings().rejection), ("believed", None)):
@@ -127,16 +123,16 @@ def count_penetration(findings: Findings, name: str, pair: HandPair) -> None:
         findings.add_largest(f"{kind}_deepest_mm_{name}", 1000 * np.maximum(depth, 0.0))
 
 
-def count_touches(findings: Findings, name: str, pair: HandPair, truth: HandPair) -> None:
+def count_touches(findings: Findings, pair: HandPair, truth: HandPair) -> None:
     """Measure the gaps, mm, between fingertips that truly touch, and between thumb and index finger alone."""
     predicted, true = fingertip_gaps(pair), fingertip_gaps(truth)
     touching = true < TOUCHING
-    findings.add(f"touch_gap_mm_{name}", 1000 * np.maximum(predicted, 0.0)[touching])
-    findings.add(f"touch_kept_share_{name}", predicted[touching] < TOUCHING)
+    findings.add("touch_gap_mm_output", 1000 * np.maximum(predicted, 0.0)[touching])
+    findings.add("touch_kept_share_output", predicted[touching] < TOUCHING)
     pinch = touching[:, [0, len(FINGERS) - 1]]  # of each hand the first pair is thumb and index
     gap = predicted[:, [0, len(FINGERS) - 1]][pinch]
-    findings.add(f"pinch_gap_mm_{name}", 1000 * np.maximum(gap, 0.0))
-    findings.add(f"pinch_error_mm_{name}", 1000 * np.abs(gap - true[:, [0, len(FINGERS) - 1]][pinch]))
+    findings.add("pinch_gap_mm_output", 1000 * np.maximum(gap, 0.0))
+    findings.add("pinch_error_mm_output", 1000 * np.abs(gap - true[:, [0, len(FINGERS) - 1]][pinch]))
 
 
 def fingertip_gaps(pair: HandPair) -> np.ndarray:
@@ -155,7 +151,7 @@ def fingertip_gaps(pair: HandPair) -> np.ndarray:
     return np.concatenate([*gaps, mutual.reshape(len(depth), -1)], axis=1)
 
 
-def count_jumps(findings: Findings, name: str, predicted: np.ndarray, true: np.ndarray) -> None:
+def count_jumps(findings: Findings, predicted: np.ndarray, true: np.ndarray) -> None:
     """Count how much farther points (T, 2, 21, 3) m go in a frame than in truth, and how their error changes, mm.
 
     Every frame counts with its largest point.
@@ -163,10 +159,10 @@ def count_jumps(findings: Findings, name: str, predicted: np.ndarray, true: np.n
     step, truth = (np.linalg.norm(np.diff(points, axis=0), axis=-1) for points in (predicted, true))
     beyond = (step - truth).max(axis=(1, 2), initial=0.0)
     error = np.linalg.norm(np.diff(predicted - true, axis=0), axis=-1)
-    findings.add_largest(f"largest_jump_mm_{name}", 1000 * beyond)
-    findings.add(f"jump_share_{name}", beyond > JUMP)
-    findings.add_largest(f"largest_error_step_mm_{name}", 1000 * error)
-    findings.add(f"error_step_share_{name}", error.max(axis=(1, 2), initial=0.0) > JUMP)
+    findings.add_largest("largest_jump_mm_output", 1000 * beyond)
+    findings.add("jump_share_output", beyond > JUMP)
+    findings.add_largest("largest_error_step_mm_output", 1000 * error)
+    findings.add("error_step_share_output", error.max(axis=(1, 2), initial=0.0) > JUMP)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The table of the limits of the paper's gloves, with and without what is done about it (`limits`)."""
+"""The table of the limits of the paper's gloves (`limits`)."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bodysense_lab.synthesis.motion import RATE
 
 
 class LimitLine(NamedTuple):
-    """A row: the limit, its figure, and the keys of the truth, without and with the remedy."""
+    """A row: the limit, its figure, and the keys of the truth, of the output without rejection, and of the output."""
 
     limit: str
     figure: str
@@ -25,7 +25,7 @@ class LimitLine(NamedTuple):
 
 
 def _both(limit: str, figure: str, key: str, factor: float = 1.0, truth: bool = True) -> LimitLine:
-    return LimitLine(limit, figure, (f"{key}_truth" if truth else None, f"{key}_before", f"{key}_after"), factor)
+    return LimitLine(limit, figure, (f"{key}_truth" if truth else None, None, f"{key}_output"), factor)
 
 
 LINES = (
@@ -65,7 +65,7 @@ def limits_report(
     Numbers: `{own,mutual,any}_penetrating_share_…`, of the frames, `…_penetration_mm_…`, mean depth in these, and
     `…_deepest_mm_…`; `touch_gap_mm_…`, `touch_kept_share_…` and `pinch_gap_mm_…`, `pinch_error_mm_…` of fingertips
     that touch in truth; `error_cm_…`; `largest_jump_mm_…` and `jump_share_…`, of the frames, and of changes of the
-    error `largest_error_step_mm_…` and `error_step_share_…`: each with 'truth', 'before' or 'after' contact.
+    error `largest_error_step_mm_…` and `error_step_share_…`: each with 'truth' or 'output'.
     `spikes_{0,1,5}_error_cm_{believed,rejected}`; `label_accuracy_share` and `label_wrong_share`.
     Keys of other than the main motion end in '_sport', '_dance' or '_other', those of synthesised hands begin with
     'synthesised_'.
@@ -79,8 +79,8 @@ def limits_report(
     sentences.append(f"{cameras.count} cameras, {cameras.radius:g} m from the hands, {heights} m above them.")
     return Report(
         name="gloves-limits",
-        title="Two hands: its limits, with and without what is done about them",
-        columns=("motion", "limit", "figure", "truth", "without", "with"),
+        title="Two hands: its limits",
+        columns=("motion", "limit", "figure", "truth", "without rejection", "output"),
         rows=tuple(row for place in places for row in _rows(place, numbers[place])),
         numbers=finite(_flat(numbers)) | (census.numbers() if data else {}),
         data=tuple(sentences),
@@ -88,7 +88,7 @@ def limits_report(
         remarks_title="What is reached",
         caption=f"At {RATE:g} Hz. A penetration is deeper than {1000 * COUNTED:g} mm beyond what flesh gives way; "
         f"fingertips touch within {1000 * TOUCHING:g} mm; a point jumps that goes {1000 * JUMP:g} mm farther from "
-        "frame to frame than in truth. Without and with: the contact step; of wrong markers, their rejection.",
+        "frame to frame than in truth.",
         digits=2,
         panels=(_panel(numbers, places),),
     )
@@ -114,21 +114,17 @@ def _rows(place: str, values: Mapping[str, float]) -> Iterator[tuple[Cell, ...]]
 def _panel(numbers: Mapping[str, Mapping[str, float]], places: Sequence[str]) -> BarPanel:
     bars = [
         plain_bars(name, [100 * numbers[place].get(f"any_penetrating_share_{key}", 0.0) for place in places])
-        for name, key in (("truth", "truth"), ("without contact", "before"), ("with contact", "after"))
+        for name, key in (("truth", "truth"), ("output", "output"))
     ]
     return BarPanel("hands in each other or in themselves", tuple(places), tuple(bars), "% of the frames")
 
 
 def _remarks(numbers: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
     for place, values in numbers.items():
-        jump = values.get("largest_jump_mm_after")
+        jump = values.get("largest_jump_mm_output")
         if jump is not None:
             verdict = "none" if jump <= 1000 * JUMP else f"the largest is {jump:.1f} mm"
             yield f"Jumps above {1000 * JUMP:g} mm that are not in the truth, {place} motion: {verdict}."
-        before, after = values.get("any_penetrating_share_before"), values.get("any_penetrating_share_after")
-        if before is not None and after is not None:
-            depth = values.get("any_penetration_mm_after", 0.0)
-            yield (
-                f"Penetrating frames, {place} motion: {100 * before:.1f} % without and {100 * after:.1f} % with the "
-                f"contact step, {depth:.1f} mm deep on average."
-            )
+        share, true = values.get("any_penetrating_share_output"), values.get("any_penetrating_share_truth")
+        if share is not None and true is not None:
+            yield f"Penetrating frames, {place} motion: {100 * share:.1f} %, in truth {100 * true:.1f} %."

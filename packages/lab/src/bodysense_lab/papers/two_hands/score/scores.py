@@ -55,7 +55,7 @@ class HandTask(NamedTuple):
 
 
 # Trials have no wrong markers, and each has one hand, so that no contact is possible.
-ALONE = HandsSettings(rejection=None, contact=None)
+ALONE = HandsSettings(rejection=None)
 FOREIGN_STRIDE = 60  # frames from one trial to the next, on unseen hands
 STRIDE = 30  # frames at 60 Hz from one trial to the next, at each seed from another one on
 SYNTHETIC_SECONDS, SYNTHETIC_SEED = 12.0, 2019
