@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 import bodysense as bs
-from bodysense.completion.model import PACKAGED
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
-from bodysense.io.recording import Recording
+from bodysense.io.formats.recording import Recording
+from bodysense.tracking.model import PACKAGED
 
 ROOT = Path(__file__).parents[2]
 WEIGHTS = ROOT / "src" / "bodysense" / "weights" / PACKAGED
@@ -52,7 +52,9 @@ def test_a_wheel_for_another_system(script: dict[str, Any], tmp_path: Path) -> N
         wheel.writestr("bodysense-0.1.0.dist-info/WHEEL", "Wheel-Version: 1.0\nTag: py3-none-linux_x86_64\n")
         wheel.writestr("bodysense-0.1.0.dist-info/METADATA", "Metadata-Version: 2.4\nName: bodysense\nVersion: 0.1.0\n")
         wheel.writestr("bodysense-0.1.0.dist-info/RECORD", "")
-    made = script["build_wheel"](native, {"_core": library, "_fbx": library}, target(script, "windows-x86_64"), tmp_path)
+    made = script["build_wheel"](
+        native, {"_core": library, "_fbx": library}, target(script, "windows-x86_64"), tmp_path
+    )
     assert made.name == "bodysense-0.1.0-py3-none-win_amd64.whl"
     with ZipFile(made) as wheel:
         assert wheel.read("bodysense/_core.dll") == wheel.read("bodysense/_fbx.dll") == b"a library"

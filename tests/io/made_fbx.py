@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.io.clip import Clip
-from bodysense.io.fbx.binary import Record, Short, contents
+from bodysense.io.formats.fbx.binary import Record, Short, contents
 
 TICKS = 46_186_158_000  # of a second
 AXES = {"x": (0, 1), "-x": (0, -1), "y": (1, 1), "-y": (1, -1), "z": (2, 1), "-z": (2, -1)}
@@ -23,6 +23,10 @@ def direction(axis: str) -> np.ndarray:
 
 def properties(*rows: tuple) -> Record:
     return Record("Properties70", (), [Record("P", row) for row in rows])
+
+
+def _matrices(turn: np.ndarray) -> np.ndarray:
+    return Rotation.from_quat(np.roll(turn, -1, axis=-1)).as_matrix()
 
 
 @dataclass
@@ -146,24 +150,15 @@ def made_body(
     for point, name in enumerate(skeleton.points):
         parent = skeleton.parents[point]
         joint = point if point < len(skeleton.joints) else parent
-        turned = [
-            into(Rotation.from_quat(np.roll(turn[t, joint], -1)).as_matrix()) * rests[point] for t in range(frames)
-        ]
+        turned = into(_matrices(turn[:, joint])) * rests[point]
         at = place[:, point] @ world.T / scale
         still = rest[point] @ world.T / scale
-        above = [Rotation.identity()] * frames
-        still_above = Rotation.identity()
+        above, still_above = Rotation.identity(frames), Rotation.identity()
         if parent >= 0:
-            above = [
-                into(Rotation.from_quat(np.roll(turn[t, parent], -1)).as_matrix()) * rests[parent]
-                for t in range(frames)
-            ]
-            at = np.stack(
-                [r.inv().apply(v) for r, v in zip(above, at - place[:, parent] @ world.T / scale, strict=True)]
-            )
-            still = rests[parent].inv().apply(still - rest[parent] @ world.T / scale)
-            still_above = rests[parent]
-        angles = np.stack([(a.inv() * t).as_euler("xyz", degrees=True) for a, t in zip(above, turned, strict=True)])
+            above, still_above = into(_matrices(turn[:, parent])) * rests[parent], rests[parent]
+            at = above.inv().apply(at - place[:, parent] @ world.T / scale)
+            still = still_above.inv().apply(still - rest[parent] @ world.T / scale)
+        angles = (above.inv() * turned).as_euler("xyz", degrees=True)
         at_rest = (still_above.inv() * rests[point]).as_euler("xyz", degrees=True)
         rows = (
             ("Lcl Translation", "Lcl Translation", "", "A", *map(float, still)),

@@ -10,10 +10,10 @@ import pytest
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.sources import Source, list_sources, read_source, skeleton_from_entry
 from bodysense.io.datasets.splits import SPLITS, split_of
-from bodysense_lab.clips import open_clips
+from bodysense.io.formats.bvh import write_bvh
+from bodysense_lab.data.clips import open_clips
 
 
 def save_amass(path: Path, frames: int = 5, seed: int = 0) -> Path:
@@ -136,11 +136,11 @@ def test_a_folder_without_motion_is_refused(tmp_path: Path, described: Path) -> 
 
 
 def test_files_without_motion_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.fbx").write_text("x")
+    (tmp_path / "a.dae").write_text("x")
     (tmp_path / "b.bvh").write_text("")
     (tmp_path / "c.npz").write_text("not a zip file")
     for name, message in (
-        ("a.fbx", "unknown kind of file '.fbx'; valid are .bvh, .npz"),
+        ("a.dae", "unknown kind of file '.dae'; valid are .bvh, .npz"),
         ("b.bvh", "the file is empty"),
         ("c.npz", "cannot be read as an .npz file"),
         ("d.bvh", "cannot be read .No such file"),

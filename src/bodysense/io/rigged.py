@@ -15,13 +15,19 @@ import numpy as np
 
 from bodysense.body.person import TALLEST
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes
-from bodysense.io.bvh import figures_of
-from bodysense.io.bvh_text import open_bvh, parse_bvh
+from bodysense.geometry.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_multiply,
+    quaternion_rotate,
+)
 from bodysense.io.clip import Clip, at_height
+from bodysense.io.formats.bvh import figures_of
+from bodysense.io.formats.bvh_text import open_bvh, parse_bvh
+from bodysense.io.formats.fbx.motion import parse_fbx
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.figure import Figure, measured
@@ -183,8 +189,6 @@ def _parsed(data: bytes, path: Path, options: ReadingOptions) -> JointFile:
     """Return the content of a BVH or FBX file, whose values are all finite."""
     if path.suffix.lower() != FBX:
         return parse_bvh(data, path)
-    from bodysense.io.fbx.motion import parse_fbx
-
     return parse_fbx(data, path, options.animation, options.skin)
 
 

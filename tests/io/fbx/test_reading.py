@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from made_fbx import AXES, MadeFile, direction, made_body
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
-from bodysense.io.fbx.motion import parse_fbx
+from bodysense.io.formats.fbx.motion import parse_fbx
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.rigged import read_rigged
 
@@ -26,7 +26,7 @@ PATH = Path("take.fbx")
 @pytest.fixture(scope="module")
 def short() -> Clip:
     clip = packaged_performance()
-    return Clip("short", clip.pose[100:148:6], 25.0)
+    return Clip("short", clip.pose[100:148:12], 25.0)
 
 
 def errors(clip: Clip, found: Clip) -> tuple[float, float]:

@@ -18,11 +18,11 @@ from made_fbx import made_body
 
 import bodysense as bs
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
-from bodysense.io.fbx.motion import parse_fbx
+from bodysense.io.formats.fbx.motion import parse_fbx
 from bodysense.io.motion_files import write_motion
 from bodysense.io.target_rigs.named import RIGS
 

@@ -12,9 +12,9 @@ from typing import Self
 import numpy as np
 
 from bodysense.body.gaps import runs
-from bodysense.body.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, swing_twist
-from bodysense.body.world_axes import UpAxis
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, swing_twist
+from bodysense.observing.world_axes import UpAxis
 
 _BLOCK = 256  # frames converted at once
 
