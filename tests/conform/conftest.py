@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
+from bodysense.geometry.rotation import quaternion_exp
 from bodysense_conform.sources.files import pose_subject
 from bodysense_conform.subject import SIDES, Step, Subject, Transport, is_finger
 

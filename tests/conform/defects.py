@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense_conform.subject import SIDES, Step, Subject, is_finger
 
 from .conftest import about, given_out

@@ -12,8 +12,8 @@ from figures.conform import BLOCKS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.demo import packaged_performance, performance_of_unseen_body
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense_conform.evaluate import Verdict, find, judge, reduced

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.model_card import card_template, card_text, describe, filled_table, parse_fields, read_network
+from bodysense_lab.core.model_card import card_template, card_text, describe, filled_table, parse_fields, read_network
 
 WEIGHTS = Path(str(files("bodysense.weights")))
 SHIPPED = sorted([*WEIGHTS.glob("*.onnx"), *WEIGHTS.glob("*.safetensors")])

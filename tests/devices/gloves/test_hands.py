@@ -10,18 +10,18 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_points, marker_positions
-from bodysense.body.hand import angles_of, mirrored_rotations, mirrored_vectors
+from bodysense.body.hands.glove import ALIGNMENT, MARKERS, default_glove, glove_points, marker_positions
+from bodysense.body.hands.hand import angles_of, mirrored_rotations, mirrored_vectors
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, load_glove_models, natural_pose
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
+from bodysense.geometry.rotation import geodesic_angle
+from bodysense.observing.observation import Observation
+from bodysense_lab.papers.two_hands.score.baselines import LastKnown
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion
-from bodysense_lab.two_hands.baselines import LastKnown
 
 FREE = HandsSettings()
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.body.glove import default_glove, marker_positions
-from bodysense.body.hand import HAND_JOINTS
+from bodysense.body.hands.glove import default_glove, marker_positions
+from bodysense.body.hands.hand import HAND_JOINTS
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import Hands, load_glove_models
@@ -61,7 +61,7 @@ def test_fingers_with_seen_markers_are_accurate(hand: Skeleton, observe_gloves) 
 
 @pytest.mark.slow
 def test_recorded_hands_do_not_jump(motion_data: Path, observe_gloves) -> None:
-    from bodysense_lab.clips import open_clips
+    from bodysense_lab.data.clips import open_clips
     from bodysense_lab.synthesis.motion import hand_motions
 
     worst = []

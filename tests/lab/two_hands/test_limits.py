@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.hand import hand_skeleton, rotations_of
+from bodysense.body.hands.hand import hand_skeleton, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.simulated.camera_ring import CameraRing
-from bodysense_lab.datasets import Census
-from bodysense_lab.two_hands.hand_pairs import SYNTHESISED, HandPair, synthesised_pair
-from bodysense_lab.two_hands.limits import (
+from bodysense_lab.data.datasets import Census
+from bodysense_lab.papers.two_hands.score.hand_pairs import SYNTHESISED, HandPair, synthesised_pair
+from bodysense_lab.papers.two_hands.score.limits import (
     Findings,
     count_jumps,
     count_penetration,
@@ -21,7 +21,7 @@ from bodysense_lab.two_hands.limits import (
     measure_pair,
     points_of,
 )
-from bodysense_lab.two_hands.limits_report import LINES, limits_report
+from bodysense_lab.papers.two_hands.score.limits_report import LINES, limits_report
 
 HAND = hand_skeleton(default_skeleton(), "left")
 

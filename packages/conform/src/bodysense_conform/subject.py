@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import FINGERS, default_skeleton
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense_conform.series import Absent, change, norm
 
 SHORTEST_INTERVAL = 0.004  # s; speeds over shorter intervals measure the clock, not the body

@@ -31,10 +31,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import Glove, default_glove, glove_points, marker_positions, side_of
-from bodysense.body.hand import HAND_JOINTS, default_axes, mirrored_vectors, own_axes
+from bodysense.body.hands.glove import Glove, default_glove, glove_points, marker_positions, side_of
+from bodysense.body.hands.hand import HAND_JOINTS, default_axes, mirrored_vectors, own_axes
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_conjugate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
@@ -51,11 +50,12 @@ from bodysense.devices.gloves.gap_fillers import (
 )
 from bodysense.devices.gloves.inertial import Fusion, InertialSettings, InertialState, SensorFlexion
 from bodysense.devices.gloves.joints import JointReader
+from bodysense.devices.gloves.labels.rejection import Rejection, RejectionSettings, RejectionState
 from bodysense.devices.gloves.networks import HandNetwork, load_joint_network, load_marker_network
-from bodysense.devices.gloves.rejection import Rejection, RejectionSettings, RejectionState
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle, quaternion_canonical, quaternion_conjugate
 from bodysense.io.fingers import relaxed_rotation
-from bodysense.observation import FARTHEST, Observation, check_order
+from bodysense.observing.observation import FARTHEST, Observation, check_order
 
 FIRST_INTERVAL = 1 / 60  # s: the time step of the first frame
 STILL = 5.0  # degrees: how far finger joints may turn in a calibration, on average

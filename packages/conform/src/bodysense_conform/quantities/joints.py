@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.posture import posture
-from bodysense.body.rotation import normalize, quaternion_log
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import normalize, quaternion_log
 from bodysense_conform.series import Series, angle, dot
 from bodysense_conform.subject import Subject
 

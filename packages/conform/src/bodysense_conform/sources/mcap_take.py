@@ -1,4 +1,4 @@
-"""MCAP takes as subjects: bodies and hands in the schemas of `bodysense.io.mcap_take`, by any writer."""
+"""MCAP takes as subjects: bodies and hands in the schemas of `bodysense.io.formats.mcap_take`, by any writer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from bodysense.arrays import check_sizes
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.mcap_take import (
+from bodysense.io.formats.mcap_take import (
     BODY_JOINTS,
     BODY_LAYOUT,
     BODY_SCHEMA,

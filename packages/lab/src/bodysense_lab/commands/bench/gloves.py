@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import frame_stepper, percentiles, report, resident_memory
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def gloves(frames: Count = 3000, json: Json = None) -> None:
