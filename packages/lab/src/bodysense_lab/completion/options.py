@@ -60,6 +60,10 @@ class CompletionTraining(_FolderRun, Card):
     """checkpoint of an earlier run, or completion network (.safetensors), with the body's initial weights"""
     keep: Annotated[float, within(float, 0, 1)] = 0.0
     """share of the weights of --begin-with in the average with the trained weights that is written"""
+    stay_close: Annotated[float, within(float, 0, 100)] = 0.0
+    """weight of the distance to the predictions of --begin-with for usual sensors; 0: none"""
+    streams: Count = 96
+    """sequences in parallel"""
     backward: bool = False
     """train the network that tracks recordings backward in time"""
     finger_steps: Annotated[int, within(int, 0, 10_000_000)] = FINGER_SCHEDULE.steps
@@ -69,6 +73,8 @@ class CompletionTraining(_FolderRun, Card):
         check_ending(self.out, ".safetensors")
         if self.keep and self.begin_with is None:
             raise BodysenseError(f"--keep {self.keep:g} is a share of earlier weights; give --begin-with, too")
+        if self.stay_close and self.begin_with is None:
+            raise BodysenseError(f"--stay-close {self.stay_close:g}: close to which network? Give --begin-with, too")
 
 
 @dataclass(frozen=True, kw_only=True)
