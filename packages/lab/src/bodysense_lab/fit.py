@@ -28,6 +28,7 @@ from bodysense_lab.checkpoint import identity, load_checkpoint, save_checkpoint
 from bodysense_lab.options import Run
 from bodysense_lab.precision import layer_precision
 
+MOST_STEPS = 10**9  # steps of a run whose time is limited instead
 _PACE = (5.0, 600.0)  # s from the start to the first report of the pace; longest time between two reports
 
 
@@ -77,9 +78,9 @@ class Task:
         decay = getattr(self.schedule, "weight_decay", 0.0)
         return AdamW(learned, lr=self.schedule.learning_rate, weight_decay=decay)
 
-    def rate(self, step: int) -> float:
-        """Return the learning rate of a step."""
-        return rate_at(self.schedule, step, self.steps)
+    def rate(self, step: int, steps: int | None = None) -> float:
+        """Return the learning rate of a step of `steps` (None: those of the schedule)."""
+        return rate_at(self.schedule, step, steps or self.steps)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[Any]:
         """Yield batches from step `done` on; a resumed run draws new ones."""
@@ -141,7 +142,7 @@ def fit(
     average = AveragedModel(network, avg_fn=decay, use_buffers=True)
     average.module.eval()
     run, steps = task.identity(), task.steps
-    done, kept = load_checkpoint(checkpoint, run, network, optimizer, average)
+    done, kept, spent = load_checkpoint(checkpoint, run, network, optimizer, average)
     best = kept or {"score": math.inf, "step": 0, "since": 0, "factor": 1.0, "weights": network.state_dict()}
     batches = task.batches(np.random.default_rng([schedule.seed, done, fabric.global_rank]), done)
     begun, memory, machine = time.monotonic(), None, describe_machine(fabric, task.mixed)
@@ -152,12 +153,22 @@ def fit(
         mean = {name: float(np.mean([row[name] for row in recent])) for name in (recent[0] if recent else ())}
         return Progress(step, steps, seconds, mean, figures, (step - done) / seconds if recent else 0.0, machine)
 
+    limit = getattr(schedule, "minutes", None)
+    if limit is not None and spent >= 60 * limit:
+        steps = done
+    elif limit is not None:
+        steps = MOST_STEPS
     if fabric.is_global_zero and done < steps and pace is not None:
         pace(progress(done, {}))
     due = _pace_is_due(begun)
-    for step, batch in zip(range(done + 1, steps + 1), batches, strict=False):
+    for step, batch in zip(range(done + 1, MOST_STEPS), batches, strict=False):
+        if step > steps:
+            break
+        if limit is not None:  # the steps that the pace so far promises; this one may be the last
+            share = _shared_time((spent + time.monotonic() - begun) / (60 * limit), fabric)
+            steps = step if share >= 1 else max(step + 1, math.ceil(step / share))
         for group in optimizer.param_groups:
-            group["lr"] = task.rate(step) * best.get("factor", 1.0)
+            group["lr"] = task.rate(step, steps) * best.get("factor", 1.0)
         torch.manual_seed(schedule.seed * 1_000_003 + step)  # of dropout, so that resumed and other runs are equal
         terms, memory = take_step(task, optimizer, batch, memory, fabric)
         average.update_parameters(network)
@@ -170,7 +181,9 @@ def fit(
             now = progress(step, figures)
             recent.clear()
             if fabric.is_global_zero:
-                save_checkpoint(checkpoint, run, step, network, optimizer, average, best if task.keeps_best else None)
+                seconds = spent + time.monotonic() - begun
+                kept = best if task.keeps_best else None
+                save_checkpoint(checkpoint, run, step, network, optimizer, average, kept, seconds)
                 with checkpoint.with_suffix(".jsonl").open("a", encoding="utf-8") as file:
                     file.write(json.dumps(vars(now)) + "\n")
                 report(now)
@@ -194,6 +207,13 @@ def take_step(
         nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
     optimizer.step()
     return terms, memory
+
+
+def _shared_time(share: float, fabric: Fabric) -> float:
+    """Return the share of the time that the first process has used, so that all processes stop together."""
+    if fabric.world_size == 1:
+        return share
+    return float(fabric.broadcast(share))
 
 
 def _pace_is_due(begun: float) -> Iterator[bool]:

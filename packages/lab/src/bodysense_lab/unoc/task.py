@@ -59,7 +59,7 @@ class BodyTask(Task):
         """Optimiser steps of the whole run."""
         return step_count(self.network.config, self.schedule, self.sequences)
 
-    def rate(self, step: int) -> float:
+    def rate(self, step: int, steps: int | None = None) -> float:
         """Warm-up and cosine for carried training; constant for windows, as in the paper."""
         if self.network.config.window is not None:
             return self.schedule.learning_rate
