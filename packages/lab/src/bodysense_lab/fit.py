@@ -141,7 +141,7 @@ def fit(
     decay = partial(moving_average, decay=schedule.average_decay)
     average = AveragedModel(network, avg_fn=decay, use_buffers=True)
     average.module.eval()
-    run, steps = task.identity(), task.steps
+    run = task.identity()
     done, kept, spent = load_checkpoint(checkpoint, run, network, optimizer, average)
     best = kept or {"score": math.inf, "step": 0, "since": 0, "factor": 1.0, "weights": network.state_dict()}
     batches = task.batches(np.random.default_rng([schedule.seed, done, fabric.global_rank]), done)
@@ -153,20 +153,15 @@ def fit(
         mean = {name: float(np.mean([row[name] for row in recent])) for name in (recent[0] if recent else ())}
         return Progress(step, steps, seconds, mean, figures, (step - done) / seconds if recent else 0.0, machine)
 
-    limit = getattr(schedule, "minutes", None)
-    if limit is not None and spent >= 60 * limit:
-        steps = done
-    elif limit is not None:
-        steps = MOST_STEPS
+    length = _RunLength(task.steps, getattr(schedule, "minutes", None), begun - spent, fabric)
+    steps = length.steps_at(done)
     if fabric.is_global_zero and done < steps and pace is not None:
         pace(progress(done, {}))
     due = _pace_is_due(begun)
     for step, batch in zip(range(done + 1, MOST_STEPS), batches, strict=False):
         if step > steps:
             break
-        if limit is not None:  # the steps that the pace so far promises; this one may be the last
-            share = _shared_time((spent + time.monotonic() - begun) / (60 * limit), fabric)
-            steps = step if share >= 1 else max(step + 1, math.ceil(step / share))
+        steps = length.steps_at(step)
         for group in optimizer.param_groups:
             group["lr"] = task.rate(step, steps) * best.get("factor", 1.0)
         torch.manual_seed(schedule.seed * 1_000_003 + step)  # of dropout, so that resumed and other runs are equal
@@ -181,9 +176,8 @@ def fit(
             now = progress(step, figures)
             recent.clear()
             if fabric.is_global_zero:
-                seconds = spent + time.monotonic() - begun
                 kept = best if task.keeps_best else None
-                save_checkpoint(checkpoint, run, step, network, optimizer, average, kept, seconds)
+                save_checkpoint(checkpoint, run, step, network, optimizer, average, kept, length.seconds)
                 with checkpoint.with_suffix(".jsonl").open("a", encoding="utf-8") as file:
                     file.write(json.dumps(vars(now)) + "\n")
                 report(now)
@@ -209,11 +203,30 @@ def take_step(
     return terms, memory
 
 
-def _shared_time(share: float, fabric: Fabric) -> float:
-    """Return the share of the time that the first process has used, so that all processes stop together."""
-    if fabric.world_size == 1:
-        return share
-    return float(fabric.broadcast(share))
+@dataclass(frozen=True)
+class _RunLength:
+    """Number of steps of a run: given, or estimated from the pace so far if its time is limited instead."""
+
+    steps: int
+    minutes: float | None
+    begun: float  # s, when the run would have begun without interruption, by the clock of `time.monotonic`
+    fabric: Fabric
+
+    @property
+    def seconds(self) -> float:
+        """Time of the run so far, without interruptions."""
+        return time.monotonic() - self.begun
+
+    def steps_at(self, step: int) -> int:
+        """Return the number of steps of the whole run, as known when `step` begins. It is `step` in the last one."""
+        if self.minutes is None:
+            return self.steps
+        share = self.seconds / (60 * self.minutes)
+        if self.fabric.world_size > 1:  # all processes stop together
+            share = float(self.fabric.broadcast(share))
+        if share >= 1:
+            return step
+        return max(step + 1, math.ceil(step / share)) if step and share > 0 else MOST_STEPS
 
 
 def _pace_is_due(begun: float) -> Iterator[bool]:

@@ -134,6 +134,8 @@ class EvaluationScope:
     """score 200 random edges of the lattice of sensor sets as well, which takes as long as half of all clips"""
     takes: bool = False
     """score takes as well, completed with past and future, which takes three times as long"""
+    mean_body: bool = True
+    """compare hidden joints with the mean body of the train split, which is read whole the first time"""
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.sets if name not in SENSOR_SETS]
@@ -141,6 +143,26 @@ class EvaluationScope:
             raise BodysenseError(f"--sets {unknown[0]}: unknown; valid are {', '.join(SENSOR_SETS)}")
         if not self.bodies:
             raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindsScope:
+    """Motion and sensors that `evaluate kinds` scores."""
+
+    data: Data
+    split: Split = "test"
+    """people, and unseen bodies, to score"""
+    clips: Count = 8
+    """number of clips, spread evenly over those of at least 10 s, of which the first 10 s are scored"""
+    members: Annotated[int, within(int, 0, 1000)] = 6
+    """random sets of each family"""
+    pairs: Annotated[int, within(int, 0, 100_000)] = 200
+    """random pairs of a set and the same set with one more sensor"""
+    model: Path | None = None
+    """completion network of your own; the packaged one if omitted"""
+    jobs: Processes | None = None
+    """processes; all processors if omitted"""
+    json: Json = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,7 +44,9 @@ _GAPS = 0.4  # share of sequences with hands in which `lost_hand` hides hands at
 _ONE_HAND, _NO_ROTATION = 0.12, 0.04  # shares of three-point sequences: with one hand, with hands without rotation
 _CHANGES = 0.2  # share of sequences with other sensors in which sensors are lost at times
 _PART_OF_HEAD, _NO_PLACE = 0.08, 0.7  # shares: headsets without position or rotation; those without position
-_HEADSET_LOST, _KEEPS_ROTATION = 0.06, 0.5  # shares: headsets that are lost at times; those that keep their rotation
+_HEADSET_LOST = 0.06  # share of headsets that are lost at times
+_LOST_PARTS = ((True, False), (True, True), (False, True))  # position and rotation that such headsets lose
+_LOST_SHARES = (0.5, 0.35, 0.15)  # of `_LOST_PARTS`
 _ACCELERATION_SHARE = 0.8  # share of sequences whose sensors with rotation only have accelerations
 _PAIRS = ("ankle", "knee", "elbow", "hip", "shoulder", "foot")
 _IMU_JOINTS = ("knee", "ankle", "hip", "elbow", "shoulder")
@@ -132,9 +134,7 @@ def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator)
     return SensorMasks(has_position, has_rotation, has_acceleration, usual)
 
 
-def _lose_head(
-    has_position: np.ndarray, has_rotation: np.ndarray, interval: float, rng: np.random.Generator
-) -> bool:
+def _lose_head(has_position: np.ndarray, has_rotation: np.ndarray, interval: float, rng: np.random.Generator) -> bool:
     """Remove the head's position, its rotation or both, always or at times. Return whether anything was removed."""
     place, turn, drawn = INPUT_POINTS.index(HEAD), BODY.index(HEAD), rng.uniform()
     if drawn < _PART_OF_HEAD:
@@ -145,9 +145,9 @@ def _lose_head(
         return True
     if drawn < _PART_OF_HEAD + _HEADSET_LOST:
         lost = spans(len(has_position), interval, rng, 4.0, longest=3.0)
-        has_position[lost, place] = False
-        if rng.uniform() >= _KEEPS_ROTATION:
-            has_rotation[lost, turn] = False
+        loses_position, loses_rotation = _LOST_PARTS[int(rng.choice(len(_LOST_PARTS), p=_LOST_SHARES))]
+        has_position[lost & loses_position, place] = False
+        has_rotation[lost & loses_rotation, turn] = False
         return bool(lost.any())
     return False
 

@@ -147,8 +147,8 @@ def draw_sequence(
 ) -> Sequence:
     """Draw an augmentation of a clip of the corpus, and make its sequence.
 
-    With `change_posture`, a standing person takes a rare posture. `backward` reverses time. `stance_shift`, m, makes the
-    person upright (`upright.stance_shifts`), which is applied to some sequences, more or less.
+    With `change_posture`, a standing person takes a rare posture. `backward` reverses time. `stance_shift`, m, is that
+    of an upright person (`upright.stance_shifts`). It is applied to some sequences, more or less.
     """
     posture = draw_kind(rng) if change_posture else None
     longest = LONGEST if posture is None else LONGEST_POSTURE

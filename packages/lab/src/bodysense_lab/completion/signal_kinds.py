@@ -117,14 +117,8 @@ def _draw_quantity(name: str, rng: np.random.Generator) -> Quantity:
 
 
 def _carried(sensors: SensorSet) -> dict[str, Quantity]:
-    return {
-        name: "rotation"
-        if name not in sensors.position
-        else "both"
-        if name in sensors.rotation
-        else "position"
-        for name in sensors.points
-    }
+    carried: dict[str, Quantity] = dict.fromkeys(sensors.rotation, "rotation")
+    return carried | {name: "both" if name in sensors.rotation else "position" for name in sensors.position}
 
 
 def _split(carried: Mapping[str, Quantity]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -36,7 +36,9 @@ def stance_shifts(corpus: Corpus) -> np.ndarray:
     shifts = np.zeros(len(corpus))
     for person in np.unique(people):
         clips = np.flatnonzero(people == person)
-        height, ahead = (np.concatenate(parts) for parts in zip(*(_stance(corpus, clip) for clip in clips), strict=True))
+        height, ahead = (
+            np.concatenate(parts) for parts in zip(*(_stance(corpus, int(clip)) for clip in clips), strict=True)
+        )
         if len(height) < _STILL_FRAMES:
             continue
         straight = height >= np.quantile(height, 1 - _STRAIGHTEST)

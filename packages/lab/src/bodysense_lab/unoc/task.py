@@ -63,7 +63,7 @@ class BodyTask(Task):
         """Warm-up and cosine for carried training; constant for windows, as in the paper."""
         if self.network.config.window is not None:
             return self.schedule.learning_rate
-        return rate_at(self.schedule, step, self.steps)
+        return rate_at(self.schedule, step, steps or self.steps)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[BodyBatch]:
         """See `make_batches`."""
