@@ -5,7 +5,7 @@ interpolation over a gap (`gaps.interpolate`), missing joints deviate from their
 have one normal distribution for each length of gap. The prediction for missing joints is the conditional mean, given
 the known joints. Deviations and their speeds are zero at the sides of a gap.
 
-`scripts/fit_coordination.py` measures the covariances on training people.
+The covariances were measured on training people (docs/credits.md, "Assets").
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The packaged demo performance, made by `scripts/make_performance.py`."""
+"""The packaged demo performance."""
 
 from __future__ import annotations
 

@@ -6,9 +6,12 @@ position channels replace its OFFSET, as MotionBuilder and Blender have it.
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, ExitStack
+import os
+import re
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
-from typing import TextIO
+from typing import IO
 
 import numpy as np
 
@@ -23,7 +26,10 @@ from bodysense.io.rigs.figure import Figure, positions_in_parent
 
 _UNIT, _ORDER = 0.01, "ZXY"  # m of a file unit, and the channels' order, unless others are given
 _BLOCK = 256  # frames written at once
-_DIGITS = 12  # digits reserved for the number of frames, which is written last
+_COUNT = "Frames: "
+_DIGITS = 12  # characters of the number of frames: aligned to the right until the file is finished, then to the left
+_LONGEST_HEAD = 1 << 20  # bytes; more than the head of any file of ours
+_UNFINISHED = re.compile(rb"HIERARCHY\n.*?\nMOTION\nFrames: ( [ \d]{10}\d)\nFrame Time: [^\n]+\n", re.DOTALL)
 _SAME = 1e-4  # frames; Unix times are exact to 3e-7 s
 _ROUNDED = 0.05  # frames by which the last one may come early: containers round times to a millisecond
 
@@ -117,77 +123,155 @@ def write_bvh(path: str | Path, clip: Clip, unit: float = _UNIT, order: str = _O
     hierarchy, written = _hierarchy(pose.skeleton, unit, order)
     with written_beside(path) as part, part.open("w", encoding="utf-8", newline="\n") as file:
         file.write(f"{hierarchy}MOTION\nFrames: {len(rotation)}\nFrame Time: {1 / frame_rate:.10g}\n")
-        _write_frames(file, root, rotation, written, unit, order)
+        file.writelines(_frame_rows(root, rotation, written, unit, order))
 
 
-class BvhStream(AbstractContextManager["BvhStream"]):
-    """Writer of a BVH file frame by frame, at a constant rate; the file appears when the block ends without an error.
+class BvhWriter:
+    """Writer of BVH frames to an open file at a constant rate. After each call the file is a valid BVH of its frames.
 
     Frames may come at any times: rotations between them are interpolated along the shorter arc, the root linearly.
+    If a call raises OSError, the file is unchanged by it, unless the disk does not allow that either.
+
+    Args:
+        file: an empty file, opened in a binary mode for writing.
+        skeleton: of all poses.
+        frame_rate: Hz.
     """
 
-    def __init__(self, path: str | Path, skeleton: Skeleton, frame_rate: float) -> None:
-        self._path, self._skeleton, self._rate = Path(path), skeleton, frame_rate
-        self._stack = ExitStack()
+    def __init__(self, file: IO[bytes], skeleton: Skeleton, frame_rate: float) -> None:
+        self._file, self._rate = file, frame_rate
         self._last: tuple[np.ndarray, ...] | None = None  # time (1,), root (1, 3) and rotation (1, J, 4)
         self._begun = 0.0
         self.frames = 0
-
-    def __enter__(self) -> BvhStream:
-        with ExitStack() as stack:
-            part = stack.enter_context(written_beside(self._path))
-            self._file: TextIO = stack.enter_context(part.open("w", encoding="utf-8", newline="\n"))
-            text, self._order = _hierarchy(self._skeleton, _UNIT, _ORDER)
-            self._file.write(f"{text}MOTION\nFrames: ")
-            self._count = self._file.tell()
-            self._file.write(f"{'':{_DIGITS}}\nFrame Time: {1 / self._rate:.10g}\n")
-            self._stack = stack.pop_all()
-        return self
+        hierarchy, self._order = _hierarchy(skeleton, _UNIT, _ORDER)
+        head = f"{hierarchy}MOTION\n{_COUNT}".encode()
+        self._count_place = len(head)
+        self.size = 0  # bytes
+        self._put(head + f"{0:>{_DIGITS}}\nFrame Time: {1 / frame_rate:.10g}\n".encode(), 0)
 
     def append(self, time: np.ndarray, pose: Pose) -> None:
         """Add a motion (T, …) whose frames were taken at increasing `time` (T,) s."""
         if not len(time):
             return
         parts = time, np.asarray(pose.root_position), np.asarray(pose.rotation)
-        if self._last is None:
-            self._begun, self._last = float(time[0]), tuple(part[:1] for part in parts)
-        time, root, rotation = (np.concatenate(pair) for pair in zip(self._last, parts, strict=True))
+        last, begun = self._last, self._begun
+        if last is None:
+            begun, last = float(time[0]), tuple(part[:1] for part in parts)
+        time, root, rotation = (np.concatenate(pair) for pair in zip(last, parts, strict=True))
         # The last frame of the file that is due at each moment, and the moment before each frame that is due now.
-        last_due = np.maximum.accumulate(np.floor((time[1:] - self._begun) * self._rate + _SAME))
+        last_due = np.maximum.accumulate(np.floor((time[1:] - begun) * self._rate + _SAME))
         due = np.arange(self.frames, int(last_due[-1]) + 1)
         before = np.searchsorted(last_due, due)
         after = before + 1
         step = np.maximum(time[after] - time[before], 1e-9)
-        share = ((self._begun + due / self._rate - time[before]) / step).clip(0, 1)[:, None]
+        share = ((begun + due / self._rate - time[before]) / step).clip(0, 1)[:, None]
         turned = quaternion_canonical(slerp(rotation[before], rotation[after], share))
         self._write((1 - share) * root[before] + share * root[after], turned)
-        self._last = time[-1:], root[-1:], rotation[-1:]
+        self._begun, self._last = begun, (time[-1:], root[-1:], rotation[-1:])
 
-    def __exit__(self, *error: object) -> None:
-        if error[0] is None:
-            if self._last is not None:
-                time, root, rotation = self._last
-                if (time[0] - self._begun) * self._rate > self.frames - _ROUNDED:
-                    self._write(root, quaternion_canonical(rotation))
-            self._file.seek(self._count)
-            self._file.write(f"{self.frames:<{_DIGITS}}")
-        self._stack.__exit__(*error)  # type: ignore[arg-type]
+    def finish(self) -> None:
+        """Add the last frame if it was rounded to come early, and mark the file as finished."""
+        if self._last is not None:
+            time, root, rotation = self._last
+            if (time[0] - self._begun) * self._rate > self.frames - _ROUNDED:
+                self._write(root, quaternion_canonical(rotation))
+        self._put_count(f"{self.frames:<{_DIGITS}}")
 
     def _write(self, root: np.ndarray, rotation: np.ndarray) -> None:
-        _write_frames(self._file, root, rotation, self._order, _UNIT, _ORDER)
-        self.frames += len(root)
+        if not len(root):
+            return
+        rows = "".join(_frame_rows(root, rotation, self._order, _UNIT, _ORDER)).encode()
+        self._put(rows, len(root))
+
+    def _put(self, data: bytes, frames: int) -> None:
+        """Append bytes, and then count their frames; undo both if the disk fails."""
+        size = self.size
+        try:
+            _write_all(self._file, data)
+            if frames:
+                self._put_count(f"{self.frames + frames:>{_DIGITS}}")
+        except OSError:
+            with suppress(OSError):
+                self._file.seek(size)
+                self._file.truncate()
+            raise
+        self.size, self.frames = size + len(data), self.frames + frames
+
+    def _put_count(self, count: str) -> None:
+        self._file.seek(self._count_place)
+        _write_all(self._file, count.encode())
+        self._file.seek(0, os.SEEK_END)
 
 
-def _write_frames(
-    file: TextIO, root: np.ndarray, rotation: np.ndarray, written: list[int], unit: float, order: str
-) -> None:
-    """Write frames: root (T, 3) m, local rotations (T, J, 4) of joints `written`, in the order of the HIERARCHY."""
+class BvhStream(AbstractContextManager["BvhStream"]):
+    """Writer of a BVH file frame by frame (`BvhWriter`); the file appears when the block ends without an error."""
+
+    def __init__(self, path: str | Path, skeleton: Skeleton, frame_rate: float) -> None:
+        self._path, self._skeleton, self._rate = Path(path), skeleton, frame_rate
+        self._stack = ExitStack()
+
+    def __enter__(self) -> BvhStream:
+        with ExitStack() as stack:
+            part = stack.enter_context(written_beside(self._path))
+            self._writer = BvhWriter(stack.enter_context(part.open("wb")), self._skeleton, self._rate)
+            self._stack = stack.pop_all()
+        return self
+
+    @property
+    def frames(self) -> int:
+        """Number of frames in the file."""
+        return self._writer.frames
+
+    def append(self, time: np.ndarray, pose: Pose) -> None:
+        """Add a motion (T, …) whose frames were taken at increasing `time` (T,) s."""
+        self._writer.append(time, pose)
+
+    def __exit__(self, *error: object) -> None:
+        with self._stack:
+            if isinstance(error[1], BaseException):
+                raise error[1]
+            self._writer.finish()
+
+
+def mend_bvh(path: Path) -> bool:
+    """Complete a file whose `BvhWriter` was killed: cut off half a frame, and correct the count.
+
+    Return False, without a change, for a file that was finished or that `BvhWriter` did not write.
+    Raises OSError if the file cannot be read or written.
+    """
+    with path.open("r+b") as file:
+        head = _UNFINISHED.match(file.read(_LONGEST_HEAD))
+        if head is None:
+            return False
+        file.seek(head.end())
+        frames, end, place = 0, head.end(), head.end()
+        while block := file.read(1 << 20):
+            frames += block.count(b"\n")
+            if (last := block.rfind(b"\n")) >= 0:
+                end = place + last + 1
+            place += len(block)
+        file.seek(end)
+        file.truncate()
+        file.seek(head.start(1))
+        file.write(f"{frames:<{_DIGITS}}".encode())
+    return True
+
+
+def _write_all(file: IO[bytes], data: bytes) -> None:
+    """Write all bytes; an unbuffered file may take them in parts."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[file.write(rest) :]
+
+
+def _frame_rows(root: np.ndarray, rotation: np.ndarray, written: list[int], unit: float, order: str) -> Iterator[str]:
+    """Yield lines of frames: root (T, 3) m, rotations (T, J, 4) of joints `written`, in the order of the HIERARCHY."""
     row = " ".join(["%.6f"] * (3 + 3 * len(written))) + "\n"
     for start in range(0, len(root), _BLOCK):
         block = slice(start, start + _BLOCK)
         angles = np.rad2deg(quaternion_to_euler(rotation[block][:, written], order))
         values = np.concatenate([root[block] / unit, angles.reshape(len(angles), -1)], axis=1)
-        file.write(row * len(values) % tuple(values.ravel().tolist()))  # one formatting call, for speed
+        yield row * len(values) % tuple(values.ravel().tolist())  # one formatting call, for speed
 
 
 def _hierarchy(skeleton: Skeleton, unit: float, order: str) -> tuple[str, list[int]]:

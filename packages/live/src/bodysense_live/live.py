@@ -61,7 +61,7 @@ class Live:
         shared = settings.shared
         self._store = None if shared is None else SessionStore(shared, self.limits.seconds_to_resume)
         self._wearers, self._output_selector = WearerFile(settings.save_person, settings.trackers), OutputSelector()
-        self._recordings = Recordings(settings.allow_record, self.limits.recording_seconds)
+        self._recordings = Recordings(settings.allow_record, self.limits.recording)
         self._slots: dict[str, SessionSlot] = {}
         self._inputs: dict[Source, SessionSlot] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -71,6 +71,7 @@ class Live:
     def start(self) -> None:
         """Start the tasks, in a running event loop."""
         self._loop = asyncio.get_running_loop()
+        self._recordings.start()
         self._scheduler: Scheduler[SessionSlot] = Scheduler(self._deliver, self._refuse, self.metrics.stepping.inc)
         self._tasks = [self._loop.create_task(self._scheduler.run()), self._loop.create_task(self._sweep())]
         if self._settings.playable is not None and self._send_body is not None:
@@ -83,6 +84,7 @@ class Live:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self._recordings.finish()
         if self._store is not None:
             await self._store.close()
 

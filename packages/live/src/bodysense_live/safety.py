@@ -26,6 +26,16 @@ _ORIGIN = re.compile(r"[a-z][a-z0-9+.-]*://([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]
 
 
 @dataclass(frozen=True)
+class RecordingLimits:
+    """Limits of recordings, each checked while poses are written."""
+
+    seconds: float = 3600.0  # of one recording
+    megabytes: float = 400.0  # of one recording
+    folder_megabytes: float = 10_000.0  # of all .bvh files in the folder
+    folder_files: int = 10_000  # .bvh files in the folder
+
+
+@dataclass(frozen=True)
 class Limits:
     """Limits of clients and sessions."""
 
@@ -36,7 +46,7 @@ class Limits:
     sessions: int = 64  # of a process
     seconds_to_resume: float = 10.0  # for which a session whose connection broke is kept
     waiting_messages: int = 64  # text messages that a client has not read
-    recording_seconds: float = 3600.0
+    recording: RecordingLimits = RecordingLimits()
 
     def __post_init__(self) -> None:
         if self.message_bytes < LARGEST_SIGNAL:

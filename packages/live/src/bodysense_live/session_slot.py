@@ -1,4 +1,4 @@
-"""A slot of the server: one session with its connections, player and recorder.
+"""A slot of the server: one session with its connections and player.
 
 `OutputSelector` selects the body that goes to avatars and runtimes. `WearerFile` writes the calibrated wearer of the
 server's own inputs.
@@ -14,7 +14,6 @@ from pathlib import Path
 from bodysense.errors import BodysenseError
 from bodysense_live.answer import Answer
 from bodysense_live.messages import Notice, ServerMessage, Source, Welcome
-from bodysense_live.recorder import Recorder
 from bodysense_live.replay import Player
 from bodysense_live.send_queue import SendQueue
 from bodysense_live.session import Session, rounded
@@ -36,7 +35,6 @@ class SessionSlot:
     disconnected_at: float | None = None  # s, of the loop's clock; None: connected
     player: Player | None = None
     player_task: asyncio.Task[None] | None = None
-    recorder: Recorder | None = None
     sent_revision: int = 0  # revision of the session that was last sent to clients
     generation: int = 1  # number of processes that have owned the session
     serials: Callable[[], Mapping[str, str]] = dict  # serial → point of unassigned trackers of the server's own input

@@ -29,7 +29,7 @@ from bodysense_live.commands.serve_options import (
 from bodysense_live.datagrams import Receiver
 from bodysense_live.messages import LONGEST_HALF_LIFE, Settings
 from bodysense_live.replay import Playable
-from bodysense_live.safety import ANY_ORIGIN, Access, Limits, is_loopback
+from bodysense_live.safety import ANY_ORIGIN, Access, Limits, RecordingLimits, is_loopback
 from bodysense_live.session_store import check_store
 from bodysense_live.settings import ServerSettings
 from bodysense_live.slimevr_link import SlimevrSettings, is_serial
@@ -74,7 +74,7 @@ def settings_of(
     posture = "seated" if wearer.seated else "standing"
     return ServerSettings(
         access=access_of(access.host, access.token, origin, access.lan, access.certificate, access.key),
-        limits=replace(Limits(), sessions=load.sessions),
+        limits=Limits(sessions=load.sessions, recording=recording_limits(load)),
         allow_record=None if load.allow_record is None else writable_folder("--allow-record", load.allow_record),
         playable=playable_of(inputs.replay, inputs.device, reading, person),
         person=person,
@@ -98,6 +98,13 @@ def settings_of(
         solarxr=SolarxrSettings(runtime_folder(os.environ), to.solarxr_port) if to.solarxr else None,
         slimevr=SlimevrSettings(to.slimevr_host, to.slimevr_port, joints) if to.slimevr else None,
     )
+
+
+def recording_limits(load: LoadOptions) -> RecordingLimits:
+    """Return the limits of recordings. Raises BodysenseError for a limit without a folder."""
+    if load.allow_record is None and load.record_megabytes != LoadOptions.record_megabytes:
+        raise BodysenseError("--record-megabytes is for recordings; give a folder for them with --allow-record")
+    return RecordingLimits(folder_megabytes=load.record_megabytes)
 
 
 def check_chosen(programs: ProgramOptions) -> None:

@@ -1,4 +1,4 @@
-"""Independent decoders read the server's packets: few packets here, a million in `bench packet-decoders`."""
+"""Packets of the server, read by independent decoders."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.serving import decoders
-from bodysense_lab.serving.decoders import decode
+
+from . import decoders
+from .decoders import decode
 
 
 def test_python_osc_and_a_reader_of_solarxr_read_every_packet() -> None:
@@ -22,8 +23,8 @@ def test_wireshark_reads_every_packet() -> None:
     tshark = shutil.which("tshark")
     if tshark is None:
         pytest.skip("no tshark on this machine: apt-get install tshark")
-    *_, found = decode(3000, np.random.default_rng(1), tshark)
-    assert found.osc == found.wireshark > 2000
+    *_, found = decode(12_000, np.random.default_rng(1), tshark)
+    assert found.osc == found.wireshark > 9_000
 
 
 def test_a_packet_that_is_decoded_differently_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,6 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.io.osc import bundled, message_bytes
-from bodysense_lab.serving.hostile_clients import corrupted
 from bodysense_lab.serving.solarxr_client import request
 from bodysense_live.slimevr import SlimevrState, take
 from bodysense_live.solarxr import read_bundle, settings_bundle
@@ -20,6 +19,8 @@ from bodysense_live.tracked_devices import DeviceReader
 from bodysense_live.vmc import VmcTrackers
 from bodysense_live.vmt import VmtReader
 from bodysense_live.vrchat import VrchatReader
+
+from .hostile_clients import corrupted
 
 _POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)
 _HERE = ("127.0.0.1", 50000)

@@ -1,4 +1,4 @@
-"""Speed of training, and the corpus cache that is valid until the data change."""
+"""The corpus cache is valid until the data change."""
 
 from __future__ import annotations
 
@@ -7,16 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from split_people import person_of, write_people
 
 from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense_lab.completion import corpus
 from bodysense_lab.completion.corpus import read_corpus
-from bodysense_lab.completion.pace import training_pace
-from bodysense_lab.completion.task import CompletionTaskConfig
-from bodysense_lab.precision import layer_precision
 
 
 def test_motion_is_read_once_until_it_changes(
@@ -37,11 +33,3 @@ def test_motion_is_read_once_until_it_changes(
     write_bvh(data / person_of("train") / "1.bvh", replace(waving_clip, pose=waving_clip.pose[:40]))
     assert len(read_corpus(data, "train")) == 2 and len(reads) == 2
     assert len(read_corpus(data, "train", 1)) == 1 and len(reads) == 3
-
-
-def test_the_pace_is_timed_in_both_precisions(waving_clip: Clip) -> None:
-    found = training_pace(waving_clip, 2, 1, CompletionTaskConfig(streams=2, chunk=4))
-    paces = {"float32_steps_per_second", "bf16_steps_per_second", "steps_per_second"}
-    assert set(found) == {*paces, "processor_seconds_per_step"} and min(found.values()) > 0
-    own = "bf16" if layer_precision(torch.device("cpu")) == torch.bfloat16 else "float32"
-    assert found["steps_per_second"] == found[f"{own}_steps_per_second"]

@@ -219,17 +219,15 @@ def rss_mb(process: int) -> float:
     return psutil.Process(process).memory_info().rss / 2**20
 
 
-def check(counts: SoakCounts, plan: SoakPlan) -> None:
-    """Raise BodysenseError if a session hung, memory grew, poses were not finite, or nothing was answered."""
+def faults(counts: SoakCounts, plan: SoakPlan) -> list[str]:
+    """Return what failed: a session hung, memory grew, poses were not finite, or nothing was answered."""
     longest = _MAX_SILENCE_KILLS if plan.seconds_between_kills else _MAX_SILENCE
-    grown = counts.rss_mb_last - counts.rss_mb_warm
-    faults = {
+    growth = counts.rss_mb_last - counts.rss_mb_warm
+    checks = {
         f"{counts.not_finite} poses are not finite": counts.not_finite > 0,
         f"a session was not answered for {counts.longest_silence_s:.1f} s": counts.longest_silence_s > longest,
-        f"memory grew by {grown:.0f} MB": grown > max(10.0, 0.05 * counts.rss_mb_warm),
+        f"memory grew by {growth:.0f} MB": growth > max(10.0, 0.05 * counts.rss_mb_warm),
         "no process was killed": plan.seconds_between_kills > 0 and not counts.killed,
         "nothing was answered": counts.answered == 0,
     }
-    found = [text for text, wrong in faults.items() if wrong]
-    if found:
-        raise BodysenseError(f"soak: {'; '.join(found)}")
+    return [text for text, failed in checks.items() if failed]
