@@ -54,6 +54,7 @@ from bodysense_lab.completion.smooth_noise import smooth_noise
 from bodysense_lab.completion.straight_legs import straightened
 from bodysense_lab.completion.training_bodies import TrainingBody, draw_body, with_other_hands
 from bodysense_lab.completion.upright import set_upright
+from bodysense_lab.synthesis import scenes
 
 _PLACES = body_indices()
 _PARENTS = bone_parents()
@@ -78,6 +79,7 @@ _MOVING_ANGLE = np.radians([25.0, 10.0, 25.0])
 _ANGLE_LIMIT = np.radians([100.0, 25.0, 60.0])
 LONGEST, LONGEST_POSTURE = 15.0, 30.0  # s, longest sequence, and longest one in a posture
 _STRAIGHTENED = 0.3  # share of sequences whose standing legs are straightened
+_SCENE_SECONDS = (8.0, 15.0)  # s, from and to
 _UPRIGHT = 0.3  # share of sequences whose stance is upright
 _RATES, _ALL_RATES = (22.0, 60.0), (10.0, 144.0)  # Hz, of most and of some sequences
 _FREE_WRISTS = 0.45  # share of sequences whose wrists turn freely
@@ -168,6 +170,35 @@ def draw_sequence(
         backward=backward,
     )
     return make_sequence(corpus, clip, drawn, rng)
+
+
+def draw_scene(rng: np.random.Generator, backward: bool = False) -> Sequence:
+    """Draw a scripted scene of a person at home, and make its sequence. `backward` reverses time."""
+    rate = _draw_rate(rng)
+    scene = scenes.sequence(rng, round(rng.uniform(*_SCENE_SECONDS) * rate), rate)
+    rotation, offset = scene.rotation, scene.rest_offset.astype(float)
+    corpus = Corpus(
+        rotation=rotation.astype(np.float32),
+        root=scene.root.astype(np.float32),
+        visible=_visible_points(rotation, scene.root, offset),
+        fingers=np.zeros((0, 30, 4), dtype=np.float32),
+        rest_offset=offset[None].astype(np.float32),
+        start=np.array([0]),
+        length=np.array([len(rotation)]),
+        rate=np.array([rate]),
+        finger_start=np.array([-1]),
+        name=np.array(["scene/" + "+".join(scene.kinds)]),
+        category=np.array([""]),
+    )
+    drawn = SequenceAugmentation(
+        body=draw_body(offset, rng),
+        rate=rate,
+        mirrored=bool(rng.uniform() < 0.5),
+        free_wrists=bool(rng.uniform() < _FREE_WRISTS),
+        noisy=bool(rng.uniform() < 0.6),
+        backward=backward,
+    )
+    return replace(make_sequence(corpus, 0, drawn, rng), usual=False)
 
 
 def _draw_rate(rng: np.random.Generator) -> float:

@@ -32,7 +32,7 @@ from bodysense_lab.completion.network import CompletionConfig
 from bodysense_lab.completion.points import JOINTS
 from bodysense_lab.completion.postures import low_share, standing_share
 from bodysense_lab.completion.sensor_draws import fixed_sensors
-from bodysense_lab.completion.sequences import Sequence, draw_hands, draw_sequence
+from bodysense_lab.completion.sequences import Sequence, draw_hands, draw_scene, draw_sequence
 from bodysense_lab.completion.upright import stance_shifts
 from bodysense_lab.fit import Task, stream_sequences
 from bodysense_lab.options import Schedule
@@ -43,6 +43,7 @@ HEADSET_CATEGORIES = ("sit", "talk_gesture", "everyday", "locomotion", "")  # mo
 SETS = ("three_point", "head", "six_point", "headset_camera", "three_point_imu_feet")
 OWN_SETS = ("mocopi_six", "dip_six", "headset_slimevr_six")
 _POSTURE_SHARE = 0.2  # share of sequences in postures that are rare in recordings
+_SCENE_SHARE = 0.12  # share of sequences that are scripted scenes
 _GENERATED = 0.5  # share of sequences whose fingers are generated
 
 
@@ -150,6 +151,8 @@ class CompletionTask(Task):
         shifts = stance_shifts(self.corpus)
 
         def draw() -> Sequence:
+            if rng.uniform() < _SCENE_SHARE:
+                return draw_scene(rng, self.configuration.backward)
             change_posture = bool(still.any() and rng.uniform() < _POSTURE_SHARE)
             clip = int(rng.choice(len(weight), p=still if change_posture else weight))
             shift = 0.0 if change_posture else float(shifts[clip])
