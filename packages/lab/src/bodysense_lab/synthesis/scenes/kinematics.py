@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense_lab.completion.limbs import bend_limb, limb_of
@@ -12,6 +13,7 @@ from bodysense_lab.synthesis.scenes.moves import ease, waves
 from bodysense_lab.synthesis.scenes.script import SIDES, SIGN, ArmPosture, Frame, Script
 
 _STRAIGHT = np.radians(6.0)  # radians; the straightest knee, which no leg exceeds
+_CALM = 0.16  # s, time in which the hips go down ahead of the end of a leg's reach
 _KNEE = 0.055  # m, height of a knee on the floor, of the mean adult
 _REACH = 0.985  # of an arm's length; longest distance from the shoulder to the wrist
 _FOLDED = 0.34  # of an arm's length; shortest distance, an elbow bent by 140°
@@ -87,11 +89,11 @@ def solve(script: Script, offset: np.ndarray, time: np.ndarray, rng: np.random.G
     sat = np.radians(values["kneel_angle"])  # the hips of a person who sits on the heels move about the knees
     ground -= (frame.thigh * np.sin(sat))[:, None] * ahead
     values["height"] = values["height"] - frame.thigh * (1 - np.cos(sat))
-    shift = np.zeros((len(time), 3))
+    shift, rate = np.zeros((len(time), 3)), 1 / float(time[1] - time[0]) if len(time) > 1 else 1.0
     motion = Motion(rotation, ground)
     for iteration in range(2):
         middle = ground + shift
-        middle[:, 1] = _hip_height(values, middle, from_middle, [foot[0] for foot in feet], frame)
+        middle[:, 1] = _hip_height(values, middle, from_middle, [foot[0] for foot in feet], frame, rate)
         motion = Motion(rotation, middle - rotation[:, 0] @ hips.mean(axis=0))
         _bend_legs(motion, values, middle[:, None] + from_middle, [foot[0] for foot in feet], offset, frame)
         _bend_arms(motion, script, values, middle, offset, time, noise)
@@ -158,18 +160,27 @@ def _hip_height(
     from_middle: np.ndarray,
     ankles: list[np.ndarray],
     frame: Frame,
+    rate: float,
 ) -> np.ndarray:
     """Return the height (T,) m of the middle of the hips: as written, but no higher than both legs reach."""
     bones = frame.thigh**2 + frame.shin**2 + 2 * frame.thigh * frame.shin * np.cos(_STRAIGHT)
-    limits = [values["height"]]
+    limits = []
     for k in (0, 1):
         hip = middle + from_middle[:, k]
         flat = ((ankles[k] - hip)[:, [0, 2]] ** 2).sum(axis=-1)
         down = np.sqrt(np.maximum(bones - flat, 0.05 * bones))
         limits.append(ankles[k][:, 1] + down - from_middle[:, k, 1])
-    soft = values["softness"] / np.log(2)
-    lowest = np.min(limits, axis=0)
-    return lowest - soft * np.log(sum(np.exp((lowest - one) / soft) for one in limits))
+    # People do not bounce at the end of each leg's reach: the hips go down ahead of it, and no higher than it.
+    window = 2 * round(_CALM * rate / 4) + 1
+    reach = minimum_filter1d(_softly_lowest(limits, values["softness"]), 2 * window - 1, mode="nearest")
+    reach = uniform_filter1d(uniform_filter1d(reach, window, mode="nearest"), window, mode="nearest")
+    return _softly_lowest([values["height"], reach], values["softness"])
+
+
+def _softly_lowest(values: list[np.ndarray], softness: np.ndarray) -> np.ndarray:
+    """Return the smooth minimum (T,) of values (T,); it is lower by `softness` (T,) where two of them are equal."""
+    soft, lowest = softness / np.log(2), np.min(values, axis=0)
+    return lowest - soft * np.log(sum(np.exp((lowest - one) / soft) for one in values))
 
 
 def _bend_legs(
@@ -283,7 +294,8 @@ def _bend_arms(
             palm += w * (turned @ (np.array(posture.palm) * mirror))
         # Between two postures the hand goes around the body: it moves outward and ahead, more on a long way.
         far = np.maximum(spread - (target * target).sum(axis=-1), 0.0) / script.frame.arm
-        target += 0.55 * far[:, None] * (upright @ (np.array([0.6, 0.0, 0.8]) * mirror))
+        around = 0.3 * np.tanh(1.6 * far / 0.3)
+        target += around[:, None] * (upright @ (np.array([0.6, 0.0, 0.8]) * mirror))
         target += shoulder
         raised = 24.0 * ease(((target - shoulder)[:, 1] / script.frame.arm + 0.3) / 1.3)
         motion.rotation[:, _INDEX[f"{side}_collar"]] = chest @ euler(zero, zero, SIGN[k] * raised)

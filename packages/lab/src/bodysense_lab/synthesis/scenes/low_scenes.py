@@ -119,14 +119,14 @@ def _put_knee(script: Script, side: int, begin: float, seconds: float, *, rises:
 
 
 def _go_down(script: Script, side: int) -> None:
-    """FootStep back with one foot and lower its knee to the floor."""
+    """Step back with one foot and lower its knee to the floor."""
     draw, frame = script.draw, script.frame
     square_feet(script)
     script.wait(0.3, 0.6)
     other = 1 - side
     front = script.ankle(other)
     begin = script.clock
-    step, down = script.duration(0.45, 0.65), script.duration(0.8, 1.3)
+    step, down = script.duration(0.55, 0.75), script.duration(0.7, 1.2)
     # The hips end behind the front foot.
     back = draw.between(0.24, 0.36) * frame.scale
     hips = script.offset(front, -SIGN[other] * frame.hip_width, -back)
@@ -135,10 +135,11 @@ def _go_down(script: Script, side: int) -> None:
     knee, flat, heel = _knee_place(script, side)
     script.step(side, flat, script.yaw, begin + 0.15, step, lift=0.05, shift=0.5, advance=0.0, heel=0.0)
     landed = begin + 0.15 + step
-    moves.to(begin + 0.15, landed + down, **script.of(side, heel=heel))
+    moves.to(begin, landed, **script.of(side, heel=heel))
     moves.to(begin, begin + 0.001, **script.of(side, knee_x=knee[0], knee_z=knee[1]))
     moves.to(landed - 0.2, landed + down, **script.of(side, kneel=1.0))
-    moves.to(begin + 0.1, landed + down, height=_KNEE * frame.scale + frame.thigh)
+    moves.pulse(begin - 0.2, begin + 0.2, landed, landed + down, softness=0.012)
+    moves.to(begin - 0.1, landed + down, height=_KNEE * frame.scale + frame.thigh)
     moves.to(begin + 0.1, landed + down, balance=0.0, sway=0.0, tilt=draw.between(-2, 6), roll=0.0)
     moves.bump(begin, landed + down, bend=draw.between(8, 20))
     change_arms(script, share=0.5)
@@ -147,15 +148,10 @@ def _go_down(script: Script, side: int) -> None:
 
 def _sit_on_heels(script: Script) -> None:
     """Lower the hips from upright knees toward the heels, stay, and rise."""
-    draw, frame = script.draw, script.frame
+    draw = script.draw
     down, up, hold = script.duration(0.8, 1.4), script.duration(0.8, 1.3), script.duration(1.0, 3.0)
     begin, held = script.clock, script.clock + down
-    parts = 6  # the hips go along an arc about the knees
-    deepest = np.radians(draw.between(40, 72))
-    angles = deepest * np.linspace(0, 1, parts + 1)
-    path = [(frame.thigh * np.cos(a), frame.thigh * np.sin(a)) for a in angles]
-    script.moves.pulse(begin, held, held + hold, held + hold + up, kneel_angle=float(np.degrees(deepest)))
-    del path
+    script.moves.pulse(begin, held, held + hold, held + hold + up, kneel_angle=draw.between(25, 56))
     script.moves.pulse(begin, held, held + hold, held + hold + up, tilt=draw.between(-5, 8))
     script.phase("kneeling", begin, held + hold + up)
     change_arms(script, share=0.4)
@@ -186,17 +182,18 @@ def _stand_up(script: Script, knees: tuple[int, ...], begin: float) -> None:
         script.clock = now + takes + 0.1
     side = knees[0]
     other = 1 - side
-    now, up = script.clock, script.duration(0.9, 1.4)
-    moves.to(now, now + up, **script.of(side, kneel=0.0))
+    now, up = script.clock, script.duration(1.1, 1.6)
+    moves.to(now, now + 0.6 * up, **script.of(side, kneel=0.0))
     front = script.ankle(other)
     middle = script.offset(front, SIGN[side] * script.apart, -0.02)
     moves.to(now, now + up, x=middle[0], z=middle[1], height=frame.leg + frame.ankle + 0.02)
     moves.to(now + 0.2 * up, now + up, balance=1.0, sway=1.0, tilt=draw.between(-2, 5))
     moves.bump(now, now + up, bend=draw.between(10, 25))
-    lands = now + 0.95 * up
+    moves.pulse(now - 0.2, now + 0.2, now + up, now + 1.5 * up, softness=0.012)
     place = script.offset(front, SIGN[side] * 2 * script.apart, 0.0)
-    moves.to(now + 0.1 * up, lands, **script.of(side, heel=0.0))
-    script.step(side, place, script.yaw + SIGN[side] * script.outward, now + 0.55 * up, 0.45 * up, lift=0.05, shift=0.3,
-                heel=0.0, advance=0.0)  # fmt: skip
+    rises, takes = now + 0.4 * up, 0.62 * up
+    moves.to(rises - 0.1, rises + takes, **script.of(side, heel=0.0))
+    script.step(side, place, script.yaw + SIGN[side] * script.outward, rises, takes, lift=0.05, shift=0.3, heel=0.0,
+                advance=0.0)  # fmt: skip
     moves.to(script.clock - 0.3, script.clock + 0.5, **dict(zip(("x", "z"), script.middle(), strict=True)))
     script.wait(0.7, 1.4)

@@ -37,6 +37,7 @@ class Moves:
     value: dict[str, float]  # value of each channel after all moves so far
     _start: dict[str, float] = field(init=False)
     _eases: list[tuple[float, float, str, float]] = field(init=False, default_factory=list)
+    _brisk: list[tuple[float, float, str, float]] = field(init=False, default_factory=list)
     _bumps: list[tuple[float, float, str, float]] = field(init=False, default_factory=list)
 
     def __post_init__(self) -> None:
@@ -54,6 +55,12 @@ class Moves:
                 self._eases.append((begin, max(end, begin + _SHORTEST), name, difference))
                 self.value[name] += difference
 
+    def swing(self, begin: float, end: float, **values: float) -> None:
+        """Move channels to values within `begin` to `end`, s, with less time for the start and the end."""
+        for name, value in values.items():
+            self._brisk.append((begin, end, name, value - self.value[name]))
+            self.value[name] = value
+
     def pulse(self, begin: float, risen: float, falls: float, end: float, **differences: float) -> None:
         """Move channels by differences within `begin` to `risen`, and back within `falls` to `end`, s."""
         self.add(begin, risen, **differences)
@@ -67,7 +74,7 @@ class Moves:
         """Return the channels (T,) at times (T,), s."""
         names = list(self.value)
         values = np.tile([self._start[name] for name in names], (len(time), 1))
-        for rows, shape in ((self._eases, ease), (self._bumps, _bump)):
+        for rows, shape in ((self._eases, ease), (self._brisk, _cubic), (self._bumps, _bump)):
             if rows:
                 begin, end, difference = (np.array([row[k] for row in rows]) for k in (0, 1, 3))
                 active = begin < time[-1]
@@ -81,6 +88,11 @@ def ease(share: np.ndarray) -> np.ndarray:
     """Return the minimum-jerk path from 0 at `share` ≤ 0 to 1 at `share` ≥ 1. Flash and Hogan 1985."""
     s = np.clip(share, 0.0, 1.0)
     return s * s * s * (10 + s * (6 * s - 15))
+
+
+def _cubic(share: np.ndarray) -> np.ndarray:
+    s = np.clip(share, 0.0, 1.0)
+    return s * s * (3 - 2 * s)
 
 
 def _bump(share: np.ndarray) -> np.ndarray:

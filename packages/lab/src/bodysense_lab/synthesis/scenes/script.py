@@ -212,7 +212,8 @@ class Script:
             advance: share of the way of the middle of the feet by which the weight follows.
         """
         end, middle, stance = begin + seconds, self.middle(), self.ankle(1 - side)
-        self.moves.to(begin, end, **self.of(side, ankle_x=place[0], ankle_z=place[1], foot_yaw=yaw))
+        self.moves.swing(begin, end, **self.of(side, ankle_x=place[0], ankle_z=place[1]))
+        self.moves.to(begin, end, **self.of(side, foot_yaw=yaw))
         self.moves.bump(begin, end, **self.of(side, lift=lift))
         if heel:
             rise = min(0.35, 0.7 * seconds)

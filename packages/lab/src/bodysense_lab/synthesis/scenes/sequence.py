@@ -15,7 +15,7 @@ from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
 from bodysense_lab.synthesis.scenes import arm_postures, low_scenes, seated_scenes, standing_scenes
 from bodysense_lab.synthesis.scenes.kinematics import frame_of, solve
 from bodysense_lab.synthesis.scenes.moves import Draw
-from bodysense_lab.synthesis.scenes.script import PHASES, Phase, Script, FootStep
+from bodysense_lab.synthesis.scenes.script import PHASES, FootStep, Phase, Script
 
 KINDS: dict[str, Callable[[Script], None]] = {
     "stand": standing_scenes.stand,

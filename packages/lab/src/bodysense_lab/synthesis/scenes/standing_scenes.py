@@ -212,12 +212,12 @@ def foot_forward(script: Script) -> None:
     turned = draw.between(0, 25) * SIGN[rear]
     script.moves.add(begin + 0.3, landed + 0.4, twist=turned * 0.5, bend=draw.between(0, 10))
     back = -turned * 0.5
-    lowers = draw.between(-0.02, 0.04) * script.frame.scale
+    lowers = draw.between(0.0, 0.05) * script.frame.scale
     raises = draw.between(0, 18) if draw.chance(0.6) else 0.0
     held = script.clock + 0.4
     script.moves.add(landed, held, **script.of(rear, heel=raises))
     standing = script.moves.value["height"]
-    script.moves.to(landed - 0.3, held + 0.2, height=standing - 0.02 - lowers - 0.5 * ahead**2)
+    script.moves.to(landed - 0.3, held + 0.2, height=standing - 0.02 - lowers - 0.16 * ahead**2)
     script.wait(2.0, 4.5)
     script.phase("standing", begin, script.clock)
     script.moves.to(script.clock - 0.1, script.clock + 0.5, height=standing)
@@ -370,7 +370,7 @@ def walk(script: Script) -> None:
     draw = script.draw
     begin = script.clock
     speed = draw.between(0.4, 1.5)
-    cadence = (0.95 + 0.62 * speed) * draw.between(0.92, 1.08)  # steps a second
+    cadence = (0.95 + 0.7 * speed / script.frame.scale) * draw.between(0.94, 1.1)  # steps a second
     period, length = 1 / cadence, speed / cadence
     count = int(draw.rng.integers(4, 11))
     bend = draw.between(-14, 14) if draw.chance(0.6) else 0.0  # degrees a step
@@ -378,11 +378,13 @@ def walk(script: Script) -> None:
     take_arms(script, arm_postures.hanging(draw) if draw.chance(0.7) else arm_postures.with_controllers(draw),
               begin - 0.3, 0.9)  # fmt: skip
     side = draw.side()
-    air = period * (0.82 - 0.12 * min(speed, 1.5) / 1.5)
+    air = period * (0.78 + 0.17 * speed / 1.5)
     where, yaw = script.middle(), script.yaw
     lead = 0.75 * period
     strike = 6 + 12 * speed / 1.5
     apart = script.apart * draw.between(0.55, 0.9)
+    lowered = -(0.012 + 0.018 * speed / 1.5) * script.frame.leg
+    script.moves.add(begin, begin + 0.35 + period, height=lowered, lead=-0.04 * speed)
     for k in range(count + 1):
         start = begin + 0.35 + k * period
         last = k == count
@@ -393,8 +395,8 @@ def walk(script: Script) -> None:
         half = script.apart if last or k == count - 1 else apart
         place = script.offset(where, SIGN[side] * half, 0.0, yaw)
         script.step(side, place, yaw + SIGN[side] * 0.7 * script.outward, start, air,
-                    lift=draw.between(0.03, 0.06) + 0.02 * speed, shift=0.22 if speed > 0.8 else 0.38,
-                    heel=(20 + 22 * speed / 1.5) if k else 15.0, toes_up=0.0 if last else strike,
+                    lift=draw.between(0.015, 0.035) + 0.01 * speed, shift=0.22 if speed > 0.8 else 0.38,
+                    heel=(24 + 32 * speed / 1.5) if k else 15.0, toes_up=0.0 if last else strike,
                     lead=lead, softness=0.006)  # fmt: skip
         script.moves.add(start - 0.5 * period, start + period, yaw=0.0 if last else bend)
         waves = 0.0 if last else 1.0
@@ -404,6 +406,7 @@ def walk(script: Script) -> None:
             script.moves.to(start, start + air + 0.15 * period,
                             **script.of(arm, arm_swing=waves * swing * (1 if arm != side else -0.7)))  # fmt: skip
         side = 1 - side
+    script.moves.add(script.clock - 0.5 * period, script.clock + 0.4, height=-lowered, lead=0.04 * speed)
     script.moves.to(script.clock - 0.3, script.clock + 0.5, **dict(zip(("x", "z"), script.middle(), strict=True)))
     script.wait(0.7, 1.5)
     script.phase("standing", script.clock - 0.6, script.clock)
