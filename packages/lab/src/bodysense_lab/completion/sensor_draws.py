@@ -24,15 +24,15 @@ from bodysense_lab.completion.signal_kinds import TRAINING_SIGNALS, draw_signal,
 HEAD, WRISTS = "head", ("left_wrist", "right_wrist")
 # Shares of the kinds of sequences.
 KINDS = {
-    "three_point": 0.19,
-    "head": 0.06,
-    "trackers": 0.10,  # head, hands and worn trackers
-    "imus": 0.11,  # head, hands and sensors with rotation only
-    "camera": 0.15,  # points that a headset's cameras see
+    "three_point": 0.21,
+    "head": 0.065,
+    "trackers": 0.11,  # head, hands and worn trackers
+    "imus": 0.12,  # head, hands and sensors with rotation only
+    "camera": 0.165,  # points that a headset's cameras see
     "mixed": 0.06,  # head, mostly hands, and a few parts on one or both sides, with sensors of different kinds
     "random": 0.03,  # any subset of points, each with a position, a rotation or both
     "headless": 0.02,  # recordings with holes, positions only, worn trackers without a headset
-    "any": 0.28,  # any kind of signal (`signal_kinds`), with or without a head
+    "any": 0.22,  # any kind of signal (`signal_kinds`), with or without a head
 }
 FINGER_KINDS = {
     "nothing": 0.40,  # controllers or no hands: fingers are synthesised
