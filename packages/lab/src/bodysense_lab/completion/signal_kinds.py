@@ -96,12 +96,19 @@ def _draw_carried(family: Family, rng: np.random.Generator, ranges: SignalRanges
         return dict.fromkeys((name for name in BODY if rng.uniform() < share), "rotation")
     if family == "alone":
         name = INPUT_POINTS[int(rng.integers(len(INPUT_POINTS)))] if rng.uniform() < 0.5 else "head"
-        return {name: "position" if rng.uniform() < 0.7 else _draw_quantity(name, rng)}
-    carried = {name: _draw_quantity(name, rng) for name in INPUT_POINTS if rng.uniform() < share}
+        return _only(name, "position" if rng.uniform() < 0.7 else _draw_quantity(name, rng))
+    carried: dict[str, Quantity] = {}
+    for name in INPUT_POINTS:
+        if rng.uniform() < share:
+            carried[name] = _draw_quantity(name, rng)
     carried.pop("head", None)
     if rng.uniform() < ranges.head:
         carried["head"] = _draw_quantity("head", rng)
     return carried
+
+
+def _only(name: str, quantity: Quantity) -> dict[str, Quantity]:
+    return {name: quantity}
 
 
 def _suit_joints(rng: np.random.Generator) -> list[str]:
@@ -118,7 +125,9 @@ def _draw_quantity(name: str, rng: np.random.Generator) -> Quantity:
 
 def _carried(sensors: SensorSet) -> dict[str, Quantity]:
     carried: dict[str, Quantity] = dict.fromkeys(sensors.rotation, "rotation")
-    return carried | {name: "both" if name in sensors.rotation else "position" for name in sensors.position}
+    for name in sensors.position:
+        carried[name] = "both" if name in sensors.rotation else "position"
+    return carried
 
 
 def _split(carried: Mapping[str, Quantity]) -> tuple[tuple[str, ...], tuple[str, ...]]:
