@@ -11,8 +11,8 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
-from bodysense.observation import Observation
-from bodysense_lab.completion.kind_scores import (
+from bodysense.observing.observation import Observation
+from bodysense_lab.completion.kinds.kind_scores import (
     VARIANTS,
     KindJob,
     kind_jobs,
@@ -21,11 +21,11 @@ from bodysense_lab.completion.kind_scores import (
     score_all,
     score_kind,
 )
-from bodysense_lab.completion.lattice import random_edges
-from bodysense_lab.completion.lattice_scores import score_lattice
-from bodysense_lab.completion.scenes import TrackedScene, scene_of
-from bodysense_lab.completion.tracking import TrackedMotion
-from bodysense_lab.parallel import parallel_map
+from bodysense_lab.completion.kinds.lattice import random_edges
+from bodysense_lab.completion.kinds.lattice_scores import score_lattice
+from bodysense_lab.completion.score.scenes import TrackedScene, scene_of
+from bodysense_lab.completion.score.tracking import TrackedMotion
+from bodysense_lab.core.parallel import parallel_map
 
 
 @pytest.fixture(scope="module")

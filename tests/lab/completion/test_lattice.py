@@ -6,9 +6,9 @@ import numpy as np
 
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense_lab.completion.lattice import random_edges, with_sensor
-from bodysense_lab.completion.options import TABLE_SETS
-from bodysense_lab.completion.points import INPUT_POINTS
+from bodysense_lab.completion.data.points import INPUT_POINTS
+from bodysense_lab.completion.kinds.lattice import random_edges, with_sensor
+from bodysense_lab.completion.training.options import TABLE_SETS
 
 
 def test_the_tables_have_known_sensor_sets() -> None:

@@ -10,9 +10,9 @@ import pytest
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import INERTIAL_SETS, SensorSet, observe
-from bodysense.tracker import Tracker
-from bodysense_lab.completion.points import INPUT_POINTS, KNUCKLES
-from bodysense_lab.completion.signal_kinds import (
+from bodysense.tracking.tracker import Tracker
+from bodysense_lab.completion.data.points import INPUT_POINTS, KNUCKLES
+from bodysense_lab.completion.data.signal_kinds import (
     FAMILIES,
     TEST_SIGNALS,
     TRAINING_SIGNALS,

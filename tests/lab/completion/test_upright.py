@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_multiply, quaternion_to_matrix
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense_lab.completion.corpus import Corpus
-from bodysense_lab.completion.limbs import bend_limb, hips_of, limb_of
-from bodysense_lab.completion.upright import HIPS_AHEAD, set_upright, stance_shifts
+from bodysense.geometry.rotation import matrix_to_quaternion, quaternion_exp, quaternion_multiply, quaternion_to_matrix
+from bodysense_lab.completion.data.corpus import Corpus
+from bodysense_lab.completion.data.postures.limbs import bend_limb, hips_of, limb_of
+from bodysense_lab.completion.data.postures.upright import HIPS_AHEAD, set_upright, stance_shifts
 
 RATE, FRAMES = 30.0, 120
 OFFSET = default_skeleton().rest_offset

@@ -14,6 +14,7 @@ def commands() -> SubcommandApp:
     group.command(completion.kinds)
     group.command(completion.amass_p1)
     group.command(completion.sight)
+    group.command(completion.scenes)
     group.command(name="fingers")(completion.untracked_fingers)
     group.command(completion.holes)
     group.command(unoc.finger_synthesis)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense_lab.completion.limbs import bend_limb, limb_of
+from bodysense_lab.completion.data.postures.limbs import bend_limb, limb_of
 from bodysense_lab.synthesis.scenes.moves import ease, waves
 from bodysense_lab.synthesis.scenes.script import SIDES, SIGN, ArmPosture, Frame, Script
 
@@ -86,7 +86,7 @@ def solve(script: Script, offset: np.ndarray, time: np.ndarray, rng: np.random.G
     ahead = np.stack([np.sin(way), np.zeros_like(way), np.cos(way)], axis=-1)
     ground = np.stack([values["x"], np.zeros_like(way), values["z"]], axis=-1)
     ground += (values["lead"] * values["balance"])[:, None] * ahead
-    sat = np.radians(values["kneel_angle"])  # the hips of a person who sits on the heels move about the knees
+    sat = np.radians(values["kneel_angle"])  # sitting on the heels turns the thighs about the knees
     ground -= (frame.thigh * np.sin(sat))[:, None] * ahead
     values["height"] = values["height"] - frame.thigh * (1 - np.cos(sat))
     shift, rate = np.zeros((len(time), 3)), 1 / float(time[1] - time[0]) if len(time) > 1 else 1.0

@@ -101,7 +101,7 @@ class Script:
 
     @classmethod
     def begin(cls, frame: Frame, draw: Draw) -> Script:
-        """Return the script of a person who stands at a random place with a random heading."""
+        """Return the script of a standing person with a random place and heading."""
         apart, outward = draw.between(0.06, 0.125) * frame.scale, draw.between(2.0, 14.0)
         values = dict.fromkeys(_BODY, 0.0) | {f"{side}_{name}": 0.0 for side in SIDES for name in _SIDED}
         yaw, x, z = draw.between(-180, 180), draw.between(-1.5, 1.5), draw.between(-1.5, 1.5)
