@@ -136,9 +136,9 @@ def score_headsets(folder: Path, track: PeopleTracker) -> Iterator[tuple[str, Ru
         )
         for path, one in zip(paths, tracked, strict=True):
             feet, rest = one.position[:, balls], float(heights[balls[0]])
-            scores.add_share("gliding_share", gliding_feet(feet, rest)[calm_frames(path.position)].any(axis=1))
+            scores.add_share("gliding_share", gliding_feet(feet, rest)[calm_frames(path.position)].max(axis=1))
             stands = path.position[:, 1] > STANDS * heights[head]
-            scores.add_share("float_share", np.asarray(feet[..., 1].min(axis=-1) > rest + FLOATING)[stands])
+            scores.add_share("float_share", np.asarray(feet[stands][..., 1].min(axis=-1) > rest + FLOATING))
         yield palms, scores
 
 
