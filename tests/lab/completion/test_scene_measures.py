@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
+from bodysense_lab.completion.score.tracking import TrackedMotion
 from bodysense_lab.completion.scripted.scene_measures import BODY, measure_scene
 from bodysense_lab.completion.scripted.scene_scoring import SETS, SceneJob, observe_scene
-from bodysense_lab.completion.tracking import TrackedMotion
 
 FEET = [f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe")]
 NEVER = np.zeros((360, 2), dtype=bool)

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY, Skeleton
-from bodysense.metrics import joint_error, vector_length
-from bodysense.observation import Observation, observed_points
-from bodysense_lab.completion import sight
-from bodysense_lab.completion.scenes import TrackedScene
-from bodysense_lab.completion.scores import RunningScores
-from bodysense_lab.completion.tracking import TrackedMotion
-from bodysense_lab.completion.wearers import rest_heights
-from bodysense_lab.scoring import RATE
+from bodysense.geometry.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
+from bodysense.observing.observation import Observation, observed_points
+from bodysense.quality.metrics import joint_error, vector_length
+from bodysense_lab.completion.score.scenes import TrackedScene
+from bodysense_lab.completion.score.scores import RunningScores
+from bodysense_lab.completion.score.sight import sight
+from bodysense_lab.completion.score.sight.wearers import rest_heights
+from bodysense_lab.completion.score.tracking import TrackedMotion
+from bodysense_lab.core.scoring import RATE
 from bodysense_lab.synthesis.scenes import ScriptedScene
 
 SIDES = ("left", "right")

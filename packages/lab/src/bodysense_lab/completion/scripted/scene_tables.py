@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 
-from bodysense_lab.completion.scores import RunningScores
+from bodysense_lab.completion.score.scores import RunningScores
 from bodysense_lab.completion.scripted.scene_scoring import SETS, SceneJob
-from bodysense_lab.table import Cell, Report, finite
+from bodysense_lab.core.table import Cell, Report, finite
 
 # Measures by set: key, title, and factor to the unit of the title.
 FAULTS = (

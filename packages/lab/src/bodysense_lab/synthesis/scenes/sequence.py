@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from bodysense.body.pose import Pose, local_rotation, standing_pose
-from bodysense.body.rotation import matrix_to_quaternion
 from bodysense.body.shape import SHORTEST, TALLEST, shape_space, stature
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
+from bodysense.geometry.rotation import matrix_to_quaternion
 from bodysense_lab.synthesis.scenes import arm_postures, low_scenes, seated_scenes, standing_scenes
 from bodysense_lab.synthesis.scenes.kinematics import frame_of, solve
 from bodysense_lab.synthesis.scenes.moves import Draw
