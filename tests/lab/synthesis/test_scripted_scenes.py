@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import quaternion_log
 from bodysense.body.shape import SHORTEST, TALLEST, stature
 from bodysense.body.skeleton import BODY
-from bodysense_lab.completion.sight import backward_knees, knee_flexion
+from bodysense.geometry.rotation import quaternion_log
+from bodysense_lab.completion.score.sight.sight import backward_knees, knee_flexion
 from bodysense_lab.synthesis.scenes import KINDS, ScriptedScene, sequence
 
 RATE, FRAMES = 30.0, 300

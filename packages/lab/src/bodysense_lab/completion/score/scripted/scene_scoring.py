@@ -14,10 +14,10 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, WRISTS
 from bodysense.observing.observation import Observation
 from bodysense_lab.completion.score.scenes import TrackedScene
 from bodysense_lab.completion.score.scores import RunningScores
+from bodysense_lab.completion.score.scripted.scene_measures import calm_frames, gliding_feet, measure_scene
 from bodysense_lab.completion.score.sight.sight import FLOATING
 from bodysense_lab.completion.score.sight.wearers import HEIGHT, PALMS, head_paths, known_body, rest_heights, with_hands
 from bodysense_lab.completion.score.tracking import PeopleTracker, TrackedMotion
-from bodysense_lab.completion.scripted.scene_measures import calm_frames, gliding_feet, measure_scene
 from bodysense_lab.core.scoring import RATE
 from bodysense_lab.synthesis.scenes import KINDS, ScriptedScene, sequence
 
