@@ -133,7 +133,7 @@ def made_body(
     place, turn = (np.asarray(part) for part in forward_kinematics(clip.pose))
     count, frames = len(skeleton.points), len(place)
     rng = np.random.default_rng(seed)
-    own = Rotation.random(count, random_state=rng) if seed is not None else Rotation.identity(count)
+    own = Rotation.from_quat(rng.normal(size=(count, 4))) if seed is not None else Rotation.identity(count)
     scale = unit * root_scale
     rest = skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0]
     top = file.bone(

@@ -28,7 +28,7 @@ def test_every_kind_of_source_is_recognised(tmp_path: Path, waving_clip: Clip) -
     write_recording(tmp_path / "a.npz", Recording(seen, waving_clip.pose.skeleton))
     (tmp_path / "a.mp4").write_bytes(b"")
     motion = open_source(tmp_path / "a.bvh")
-    assert isinstance(motion, MotionSource) and motion.bvh == tmp_path / "a.bvh" and len(motion.clip) == 90
+    assert isinstance(motion, MotionSource) and motion.joint_file == tmp_path / "a.bvh" and len(motion.clip) == 90
     assert open_source(motion) is motion and "read " in motion.remarks[0]
     assert isinstance(open_source(tmp_path / "a.npz"), RecordingSource)
     assert isinstance(open_source(str(tmp_path / "a.mp4")), VideoSource)

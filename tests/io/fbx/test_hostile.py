@@ -66,7 +66,7 @@ def bomb() -> bytes:
     return bytes(moved)
 
 
-def _enclosing(data: bytes, inner: int) -> list[int]:
+def _enclosing(data: bytearray, inner: int) -> list[int]:
     """Return the starts of the records that end at or behind a record, itself included."""
     found, at, end = [], 27, len(data)
     while at < inner:
