@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import bodysense as bs
-from bodysense.completion.model import PACKAGED
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
-from bodysense.io.recording import Recording, read_recording
+from bodysense.io.formats.recording import Recording, read_recording
+from bodysense.tracking.model import PACKAGED
 
 ROOT = Path(__file__).parents[2]
 CORE, ENGINES, SHIMS = ROOT / "core", ROOT / "extras" / "engines", Path(__file__).parent / "engine_shims"

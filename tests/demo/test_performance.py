@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle, quaternion_rotate
 from bodysense.body.skeleton import default_body, default_skeleton
-from bodysense.io.amass import read_amass
+from bodysense.geometry.rotation import geodesic_angle, quaternion_rotate
 from bodysense.io.fingers import is_finger
+from bodysense.io.formats.amass import read_amass
 
 FILE = Path(str(files("bodysense.demo").joinpath("performance.npz")))
 SKELETON = default_skeleton()

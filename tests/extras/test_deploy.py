@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 
 import bodysense
-from bodysense_live.safety import Access
-from bodysense_live.settings import ServerSettings
+from bodysense_live.security.safety import Access
+from bodysense_live.server.settings import ServerSettings
 
 from ..live.conftest import serving
 

@@ -17,14 +17,14 @@ from typing import IO, Any
 import numpy as np
 import pytest
 
-from bodysense.io.bvh import BvhWriter, mend_bvh, read_bvh
-from bodysense_live import recorder as module
-from bodysense_live.answer import Answer
-from bodysense_live.messages import RecordSwitch
-from bodysense_live.recorder import LONGEST_GAP, RATE, Recorder, mend_recordings
-from bodysense_live.safety import Limits, RecordingLimits
-from bodysense_live.session import Session
-from bodysense_live.settings import ServerSettings
+from bodysense.io.formats.bvh import BvhWriter, mend_bvh, read_bvh
+from bodysense_live.security.safety import Limits, RecordingLimits
+from bodysense_live.server.messages import RecordSwitch
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions import recorder as module
+from bodysense_live.sessions.answer import Answer
+from bodysense_live.sessions.recorder import LONGEST_GAP, RATE, Recorder, mend_recordings
+from bodysense_live.sessions.session import Session
 
 from .conftest import DEVICES, Client, Connecting, Serving, signal
 

@@ -17,13 +17,13 @@ from importlib.resources import files
 import numpy as np
 
 from bodysense.body import gaps
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import BODY
+from bodysense.geometry.rotation import (
     quaternion_conjugate,
     quaternion_log,
     quaternion_multiply,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import BODY
 
 FILE = "coordination.npz"  # in this package
 ROOT = len(BODY)  # index of the root's position, after the joints

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.glove import default_glove
-from bodysense.body.hand import (
+from bodysense.body.hands.glove import default_glove
+from bodysense.body.hands.hand import (
     Side,
     default_axes,
     hand_skeleton,
@@ -15,13 +15,13 @@ from bodysense.body.hand import (
     limits,
     rotations_of,
 )
-from bodysense.body.hand_capsules import axes_between, hand_capsules, mutual_depth, own_depth, own_pairs
+from bodysense.body.hands.hand_capsules import axes_between, hand_capsules, mutual_depth, own_depth, own_pairs
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_conjugate, quaternion_log, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.collisions import COUNT, HandColliders
 from bodysense.devices.gloves.contact_rows import ANGLES, PARTS, growth_rows, tip_capsules, tip_pairs, turning_axes
 from bodysense.devices.gloves.fingers import HandPoses, hand_shape, place_hands
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_log, quaternion_multiply
 
 SMALL = hand_skeleton(default_skeleton(), "left")
 LARGE = SMALL.with_offsets(1.15 * SMALL.rest_offset)

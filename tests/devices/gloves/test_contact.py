@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.glove import default_glove, marker_positions
-from bodysense.body.hand import FINGERS, angles_of, hand_skeleton, limits, rotations_of
-from bodysense.body.hand_capsules import GIVE, NAMES, hand_capsules, mutual_depth, own_depth, own_pairs
+from bodysense.body.hands.glove import default_glove, marker_positions
+from bodysense.body.hands.hand import FINGERS, angles_of, hand_skeleton, limits, rotations_of
+from bodysense.body.hands.hand_capsules import GIVE, NAMES, hand_capsules, mutual_depth, own_depth, own_pairs
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.contact import Contact
 from bodysense.devices.gloves.contact_rows import ContactSettings
 from bodysense.devices.gloves.fingers import HandPoses
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 
 HAND = hand_skeleton(default_skeleton(), "left")
 LARGE = HAND.with_offsets(1.1 * HAND.rest_offset)

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bodysense.cli.show import processor
-from bodysense_lab.unoc.learned import load_model
+from bodysense_lab.papers.unoc.learned import load_model
 from bodysense_lab.weights import packaged
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from split_people import person_of, write_people
 
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense_lab.completion import corpus
-from bodysense_lab.completion.corpus import read_corpus
+from bodysense.io.formats.bvh import write_bvh
+from bodysense_lab.completion.data import corpus
+from bodysense_lab.completion.data.corpus import read_corpus
 
 
 def test_motion_is_read_once_until_it_changes(

@@ -16,18 +16,18 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError, missing_package
-from bodysense.io.osc import read_packet
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
+from bodysense.io.formats.osc import read_packet
 from bodysense_lab.serving.solarxr_client import update
-from bodysense_live import vmc, vrchat
-from bodysense_live.solarxr import BodyFrame, Updates, body_frame, body_layout
-from bodysense_live.vmc import vmc_packets
-from bodysense_live.vmt import DRIVER_PORT, tracker_packet
-from bodysense_live.vmt_hands import hand_packet
-from bodysense_live.vrchat import vrchat_packets
-from bodysense_live.webxr import between_eyes
+from bodysense_live.protocols import vmc, vrchat
+from bodysense_live.protocols.solarxr.solarxr import BodyFrame, Updates, body_frame, body_layout
+from bodysense_live.protocols.steamvr.vmt import DRIVER_PORT, tracker_packet
+from bodysense_live.protocols.steamvr.vmt_hands import hand_packet
+from bodysense_live.protocols.vmc import vmc_packets
+from bodysense_live.protocols.vrchat import vrchat_packets
+from bodysense_live.protocols.webxr import between_eyes
 
 AT_ONCE = 20_000  # packets in one capture for Wireshark
 _POSES = 256  # poses that are generated at a time

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.io.protocol import POSE, SignalFrame, read_pose, write_signal
-from bodysense_live.connection import serve_client
-from bodysense_live.live import Live
-from bodysense_live.message_text import write_message
-from bodysense_live.messages import Hello, UpdateSettings
-from bodysense_live.metrics import Metrics
-from bodysense_live.safety import Limits
-from bodysense_live.settings import ServerSettings
-from bodysense_live.supervisor import Supervisor
+from bodysense.io.formats.protocol import POSE, SignalFrame, read_pose, write_signal
+from bodysense_live.security.safety import Limits
+from bodysense_live.server.connection import serve_client
+from bodysense_live.server.live import Live
+from bodysense_live.server.message_text import write_message
+from bodysense_live.server.messages import Hello, UpdateSettings
+from bodysense_live.server.metrics import Metrics
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.server.supervisor import Supervisor
 
 _POINTS = ("headset", "left_controller", "right_controller", "left:wrist", "left:index-finger-tip", "hip")
 _MONITOR_INTERVAL = 1000  # messages between two checks of the monitor

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.io.osc import bundled, message_bytes
+from bodysense.io.formats.osc import bundled, message_bytes
 from bodysense_lab.serving.solarxr_client import request
-from bodysense_live.slimevr import SlimevrState, take
-from bodysense_live.solarxr import read_bundle, settings_bundle
-from bodysense_live.solarxr_input import InputReader
-from bodysense_live.tracked_devices import DeviceReader
-from bodysense_live.vmc import VmcTrackers
-from bodysense_live.vmt import VmtReader
-from bodysense_live.vrchat import VrchatReader
+from bodysense_live.protocols.slimevr import SlimevrState, take
+from bodysense_live.protocols.solarxr.solarxr import read_bundle, settings_bundle
+from bodysense_live.protocols.solarxr.solarxr_input import InputReader
+from bodysense_live.protocols.steamvr.vmt import VmtReader
+from bodysense_live.protocols.vmc import VmcTrackers
+from bodysense_live.protocols.vrchat import VrchatReader
+from bodysense_live.sessions.tracked_devices import DeviceReader
 
 from .hostile_clients import corrupted
 

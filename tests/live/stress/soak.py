@@ -15,10 +15,10 @@ import numpy as np
 import psutil
 
 from bodysense.errors import BodysenseError
-from bodysense.io.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
+from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
 from bodysense_lab.serving.server import running_server
-from bodysense_live.message_text import write_message
-from bodysense_live.messages import Hello, Resume
+from bodysense_live.server.message_text import write_message
+from bodysense_live.server.messages import Hello, Resume
 
 _POINTS = ("head", "left_wrist", "right_wrist")
 _MAX_SILENCE = 5.0  # s without an answer while frames are sent

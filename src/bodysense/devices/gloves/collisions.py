@@ -9,8 +9,8 @@ from itertools import combinations
 
 import numpy as np
 
-from bodysense.body.hand import Side
-from bodysense.body.hand_capsules import GIVE, NAMES, axes_between, hand_capsules, nearest_points, own_pairs
+from bodysense.body.hands.hand import Side
+from bodysense.body.hands.hand_capsules import GIVE, NAMES, axes_between, hand_capsules, nearest_points, own_pairs
 from bodysense.body.skeleton import Skeleton
 
 COUNT = len(NAMES)

@@ -1,7 +1,7 @@
 """Hand contact: hands do not pass through each other or themselves, and fingertips meet if their markers do.
 
-The solver moves the networks' hands as little as possible until no two capsules (body/hand_capsules.py) overlap. It
-turns fingers within their joint limits and moves both of two colliding hands. If the markers of a thumb and a finger,
+The solver moves the networks' hands as little as possible until no two capsules (body/hands/hand_capsules.py) overlap.
+It turns fingers within their joint limits and moves both of two colliding hands. If the markers of a thumb and finger,
 or of fingertips of two hands, are as close as touching fingertips, it brings the model's fingertips as close. Touching
 fingertips stay in touch. Every frame starts from the correction of the frame before, and the correction has a maximum
 speed: a sudden collision takes a few frames to resolve, and nothing jumps.
@@ -16,10 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove
-from bodysense.body.hand import FINGERS, Side, angle_indices, default_axes, joint_angles, joint_rotations, limits
-from bodysense.body.hand_capsules import GIVE
-from bodysense.body.products import CONJUGATE, multiply
+from bodysense.body.hands.glove import ALIGNMENT, MARKERS, default_glove
+from bodysense.body.hands.hand import FINGERS, Side, angle_indices, default_axes, joint_angles, joint_rotations, limits
+from bodysense.body.hands.hand_capsules import GIVE
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.collisions import CapsulePairs, HandColliders, NearestPoints
 from bodysense.devices.gloves.contact_rows import (
@@ -34,6 +33,7 @@ from bodysense.devices.gloves.contact_rows import (
 )
 from bodysense.devices.gloves.fingers import CHAINS, HandPoses, HandShape, hand_shape, place_hands
 from bodysense.errors import BodysenseError
+from bodysense.geometry.products import CONJUGATE, multiply
 
 _PLACE, _FREE = angle_indices()  # (15, 3) index of each joint's flexion, abduction and twist, and which of them it has
 _LOW, _HIGH = (np.where(_FREE, of[_PLACE], 0.0) for of in limits())  # (15, 3) rad

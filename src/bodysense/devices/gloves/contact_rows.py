@@ -7,12 +7,12 @@ from itertools import combinations, product
 
 import numpy as np
 
-from bodysense.body.hand import FINGERS, HAND_JOINTS, joint_bases
-from bodysense.body.hand_capsules import NAMES
-from bodysense.body.products import cross, to_matrix
+from bodysense.body.hands.hand import FINGERS, HAND_JOINTS, joint_bases
+from bodysense.body.hands.hand_capsules import NAMES
 from bodysense.devices.gloves.collisions import COUNT
 from bodysense.devices.gloves.fingers import HandPoses, HandShape, finger_chains
 from bodysense.errors import BodysenseError
+from bodysense.geometry.products import cross, to_matrix
 
 _MOST_ROUNDS = 40  # active sets tried before the last solution is returned
 

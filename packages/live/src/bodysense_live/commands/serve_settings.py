@@ -9,16 +9,15 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Literal
 
-from bodysense.body.glove_set import GloveSet, read_set, standard_set
+from bodysense.body.hands.glove_set import GloveSet, read_set, standard_set
 from bodysense.body.person import Person
 from bodysense.cli.recordings import load_clip, person_of
 from bodysense.devices.simulated.device import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.io.formats.recording import is_recording
 from bodysense.io.reading_options import ReadingOptions, given_options
-from bodysense.io.recording import is_recording
-from bodysense.open import RecordingSource, open_source
-from bodysense_live.certificate import check_pair, lan_address, own_certificate, state_folder
+from bodysense.sources.open import RecordingSource, open_source
 from bodysense_live.commands.serve_options import (
     AccessOptions,
     InputOptions,
@@ -26,20 +25,21 @@ from bodysense_live.commands.serve_options import (
     ProgramOptions,
     WearerOptions,
 )
-from bodysense_live.datagrams import Receiver
-from bodysense_live.messages import LONGEST_HALF_LIFE, Settings
-from bodysense_live.replay import Playable
-from bodysense_live.safety import ANY_ORIGIN, Access, Limits, RecordingLimits, is_loopback
-from bodysense_live.session_store import check_store
-from bodysense_live.settings import ServerSettings
-from bodysense_live.slimevr_link import SlimevrSettings, is_serial
-from bodysense_live.solarxr_link import SolarxrSettings, runtime_folder
-from bodysense_live.tracked_devices import TrackedDevices, read_device_names
-from bodysense_live.vmc import VmcTrackers
-from bodysense_live.vmt_link import VmtSettings
-from bodysense_live.vrchat import parts_of
-from bodysense_live.vrchat_link import VrchatSettings
-from bodysense_live.worn_trackers import read_trackers
+from bodysense_live.protocols.datagrams import Receiver
+from bodysense_live.protocols.slimevr_link import SlimevrSettings, is_serial
+from bodysense_live.protocols.solarxr.solarxr_link import SolarxrSettings, runtime_folder
+from bodysense_live.protocols.steamvr.vmt_link import VmtSettings
+from bodysense_live.protocols.vmc import VmcTrackers
+from bodysense_live.protocols.vrchat import parts_of
+from bodysense_live.protocols.vrchat_link import VrchatSettings
+from bodysense_live.security.certificate import check_pair, lan_address, own_certificate, state_folder
+from bodysense_live.security.safety import ANY_ORIGIN, Access, Limits, RecordingLimits, is_loopback
+from bodysense_live.server.messages import LONGEST_HALF_LIFE, Settings
+from bodysense_live.server.session_store import check_store
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions.replay import Playable
+from bodysense_live.sessions.tracked_devices import TrackedDevices, read_device_names
+from bodysense_live.sessions.worn_trackers import read_trackers
 
 
 def settings_of(

@@ -16,13 +16,13 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
 from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import frame_stepper, percentiles, report, resident_memory
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 if TYPE_CHECKING:
-    from bodysense.tracker import Tracker
+    from bodysense.tracking.tracker import Tracker
 
 _ROOT = Path(__file__).parents[6]  # of the repository
 _ROUNDS = 1000  # of the products
@@ -46,10 +46,10 @@ def bench_step(
         people: wearers in the batch; its figure in ms for each wearer is batch16_ms for 16.
         model: completion network of your own; the packaged one if omitted.
     """
-    from bodysense.completion.model import PACKAGED, load_completion
     from bodysense.demo import performance_of_unseen_body
     from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
-    from bodysense.tracker import Tracker
+    from bodysense.tracking.model import PACKAGED, load_completion
+    from bodysense.tracking.tracker import Tracker
 
     clip = performance_of_unseen_body()
     observation = observe(clip.pose, clip.time, SENSOR_SETS[device])
@@ -69,7 +69,7 @@ def bench_step(
 
 def _together(tracker: Tracker, observation: Observation, people: int) -> Callable[[int], None]:
     """Return a function that completes the n-th frame of several equal people in one batch."""
-    from bodysense.tracker import step_together
+    from bodysense.tracking.tracker import step_together
 
     single = [observation[place : place + 1] for place in range(len(observation))]
     states = [tracker.start() for _ in range(people)]
@@ -99,7 +99,7 @@ def _floor(weights: Path) -> float:
 
 def _reference(weights: Path, frames: int) -> dict[str, float]:
     """Return the median time in ms of the products in NumPy, and their millions of multiplications and additions."""
-    from bodysense_lab.completion.weights_file import read_safetensors
+    from bodysense_lab.completion.networks.weights_file import read_safetensors
 
     tables = [table for table in read_safetensors(weights)[0].values() if table.dtype == np.int8]
     wide = [np.ones(table.shape, np.float32) for table in tables]

@@ -9,7 +9,7 @@ import numpy as np
 
 from bodysense.ranges import Count, Processes
 from bodysense_lab.commands.bench.timing import report
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def training(steps: Count = 6, threads: Processes = 1, json: Json = None) -> None:
@@ -22,11 +22,11 @@ def training(steps: Count = 6, threads: Processes = 1, json: Json = None) -> Non
     import torch
 
     from bodysense.demo import packaged_performance
-    from bodysense_lab.completion.corpus import corpus_of
-    from bodysense_lab.completion.network import CompletionNetwork
-    from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
-    from bodysense_lab.fit import launch_fabric, take_step
-    from bodysense_lab.options import Schedule
+    from bodysense_lab.completion.data.corpus import corpus_of
+    from bodysense_lab.completion.networks.network import CompletionNetwork
+    from bodysense_lab.completion.training.task import CompletionTask, CompletionTaskConfig
+    from bodysense_lab.core.fit import launch_fabric, take_step
+    from bodysense_lab.core.options import Schedule
 
     torch.set_num_threads(threads)
     fabric, configuration = launch_fabric(), CompletionTaskConfig()
