@@ -10,20 +10,7 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-<<<<<<< HEAD
-from bodysense_lab.core.model_card import (
-    CARD_TEMPLATES,
-    card_template,
-    card_text,
-    describe,
-    front_matter,
-    network_lines,
-    parse_fields,
-    read_network,
-)
-=======
 from bodysense_lab.core.model_card import card_template, card_text, describe, filled_table, parse_fields, read_network
->>>>>>> main
 
 WEIGHTS = Path(str(files("bodysense.weights")))
 SHIPPED = sorted([*WEIGHTS.glob("*.onnx"), *WEIGHTS.glob("*.safetensors")])

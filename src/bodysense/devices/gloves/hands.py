@@ -31,13 +31,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-<<<<<<< HEAD
-from bodysense.body.hands.glove import Glove, default_glove, glove_points, marker_positions, side_of
-from bodysense.body.hands.hand import HAND_JOINTS, Side, default_axes, mirrored_vectors, own_axes
-=======
 from bodysense.body.hands.glove import Glove, default_glove, glove_points, marker_positions, side_of
 from bodysense.body.hands.hand import HAND_JOINTS, default_axes, mirrored_vectors, own_axes
->>>>>>> main
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate

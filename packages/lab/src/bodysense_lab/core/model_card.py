@@ -12,23 +12,9 @@ from typing import Any
 
 import onnx
 
-<<<<<<< HEAD:packages/lab/src/bodysense_lab/core/model_card.py
-from bodysense.devices.gloves import networks as glove
-from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense.devices.video import arms
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.papers import hmd_vae as body_vae
-from bodysense.papers import point_model
-from bodysense.takes import joining_network
 from bodysense_lab.completion.networks import weights_file
-from bodysense_lab.completion.training.options import BODIES, BODY_TITLES, TABLE_SETS
-from bodysense_lab.papers.unoc import learned
-=======
-from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
-from bodysense_lab.completion import weights_file
->>>>>>> main:packages/lab/src/bodysense_lab/core/model_card.py
 
 Numbers = Mapping[str, float]
 _FIGURE = re.compile(r"\{([^{}:]+):([^{}]+)\}")  # in a table: name and format
