@@ -21,12 +21,12 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from bodysense.io.formats.protocol import SUBPROTOCOL
+from bodysense_live.processes.pool import Workers, _take_connections, _Worker, distribute
 from bodysense_live.protocols.links import listen_tcp
 from bodysense_live.server.launch import make_server
 from bodysense_live.server.message_text import write_message
 from bodysense_live.server.messages import Hello, Resume, Settings
 from bodysense_live.server.settings import ServerSettings
-from bodysense_live.workers.pool import Workers, _take_connections, _Worker, distribute
 
 from .conftest import DEVICES
 

@@ -30,7 +30,7 @@ from bodysense_live.server.connection import serve_client
 from bodysense_live.server.live import Live
 from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.page_files import library_routes
-from bodysense_live.server.session_store import SessionStore, Store
+from bodysense_live.server.session_store import SessionKeeper, SessionStore
 from bodysense_live.server.settings import ServerSettings
 from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.answer import Answer
@@ -157,7 +157,7 @@ def probe_routes(live: Live, supervisor: Supervisor) -> list[Any]:
 _NO_PAGE = "This copy of bodysense was installed without the page. The WebSocket is at /ws.\n"
 
 
-def application(settings: ServerSettings, supervisor: Supervisor, stores: Sequence[Store] = ()) -> Any:
+def application(settings: ServerSettings, supervisor: Supervisor, stores: Sequence[SessionKeeper] = ()) -> Any:
     """Return the ASGI application of one process, which keeps sessions in `stores` and those of the settings.
 
     Raises BodysenseError if a library of the server is missing.

@@ -18,7 +18,7 @@ from bodysense.errors import missing_package
 from bodysense.io.formats.protocol import SignalFrame, write_pose
 from bodysense_live.server.application import application
 from bodysense_live.server.session_slot import SessionSlot
-from bodysense_live.server.session_store import Store
+from bodysense_live.server.session_store import SessionKeeper
 from bodysense_live.server.settings import ServerSettings
 from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.estimation import load
@@ -47,7 +47,7 @@ _SWITCH_INTERVAL = 0.0005  # s; a short switch interval lets the event loop run 
 
 
 def make_server(
-    settings: ServerSettings, started: Callable[[Any], None] = lambda server: None, stores: Sequence[Store] = ()
+    settings: ServerSettings, started: Callable[[Any], None] = lambda server: None, stores: Sequence[SessionKeeper] = ()
 ) -> Any:
     """Return a uvicorn server. `run([socket])` serves until `should_exit` is set, and calls `started` with the server.
 
@@ -124,7 +124,7 @@ def serve(
     settings: ServerSettings,
     bound: Sequence[socket.socket],
     started: Callable[[Any], None] = lambda server: None,
-    stores: Sequence[Store] = (),
+    stores: Sequence[SessionKeeper] = (),
 ) -> None:
     """Serve on sockets until the process is interrupted. If a task of the server fails, the process ends (status 1)."""
     with contextlib.ExitStack() as opened, contextlib.suppress(KeyboardInterrupt):

@@ -31,7 +31,7 @@ from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.scheduler import Scheduler
 from bodysense_live.server.send_queue import SendQueue
 from bodysense_live.server.session_slot import OutputSelector, SessionSlot, WearerFile
-from bodysense_live.server.session_store import Store, StoredSession
+from bodysense_live.server.session_store import SessionKeeper, StoredSession
 from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.recordings import Recordings
@@ -63,7 +63,7 @@ class Live:
         metrics: Metrics,
         supervisor: Supervisor,
         send_body: Callable[[Answer], None] | None = None,
-        stores: Sequence[Store] = (),
+        stores: Sequence[SessionKeeper] = (),
     ) -> None:
         self._settings, self.metrics, self._send_body = settings, metrics, send_body
         self.limits, self.supervisor, self._stores = settings.limits, supervisor, tuple(stores)
@@ -242,7 +242,7 @@ class Live:
         return slot
 
     async def _store_sessions(self) -> None:
-        """Store sessions for other processes, and close those that another process has resumed."""
+        """SessionKeeper sessions for other processes, and close those that another process has resumed."""
         # A disconnected session is stored once more, because its client may have left before it was stored.
         to_store = {
             one.session_id: one
@@ -356,7 +356,7 @@ class Live:
         self.metrics.sessions.set(len(self._slots))
 
     async def _sweep(self) -> None:
-        """Store sessions; close those that were not resumed in time, and replays without a watcher."""
+        """SessionKeeper sessions; close those that were not resumed in time, and replays without a watcher."""
         while True:
             await asyncio.sleep(_STORE_INTERVAL)
             with suppress(TimeoutError):  # `wait_for` of Python 3.11 may lose a cancellation

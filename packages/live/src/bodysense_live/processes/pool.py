@@ -22,9 +22,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from bodysense.errors import BodysenseError
+from bodysense_live.processes.kept_sessions import KeptSessions, ParentStore
 from bodysense_live.server.launch import serve
 from bodysense_live.server.settings import ServerSettings
-from bodysense_live.workers.kept_sessions import KeptSessions, ParentStore
 
 _TAKE_TIMEOUT = 1.0  # s for a worker to take a connection
 _TLS_TIMEOUT = 10.0  # s for a TLS handshake

@@ -63,7 +63,7 @@ class KeptSessions:
 
 
 class ParentStore:
-    """A worker's access to the sessions that its parent keeps (`session_store.Store`)."""
+    """A worker's access to the sessions that its parent keeps (`session_store.SessionKeeper`)."""
 
     def __init__(self, channel: socket.socket) -> None:
         self._channel = channel
@@ -72,7 +72,7 @@ class ParentStore:
         self._id = 0
 
     async def put(self, states: Mapping[str, tuple[int, str]]) -> list[str] | None:
-        """Store generations and states of sessions by id.
+        """SessionKeeper generations and states of sessions by id.
 
         Return the ids of sessions that another process has resumed, or None if the parent does not answer.
         """
