@@ -72,7 +72,7 @@ class ParentStore:
         self._id = 0
 
     async def put(self, states: Mapping[str, tuple[int, str]]) -> list[str] | None:
-        """SessionKeeper generations and states of sessions by id.
+        """Store generations and states of sessions by id.
 
         Return the ids of sessions that another process has resumed, or None if the parent does not answer.
         """

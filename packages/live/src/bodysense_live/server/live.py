@@ -242,7 +242,7 @@ class Live:
         return slot
 
     async def _store_sessions(self) -> None:
-        """SessionKeeper sessions for other processes, and close those that another process has resumed."""
+        """Store sessions for other processes, and close those that another process has resumed."""
         # A disconnected session is stored once more, because its client may have left before it was stored.
         to_store = {
             one.session_id: one
@@ -356,7 +356,7 @@ class Live:
         self.metrics.sessions.set(len(self._slots))
 
     async def _sweep(self) -> None:
-        """SessionKeeper sessions; close those that were not resumed in time, and replays without a watcher."""
+        """Store sessions; close those that were not resumed in time, and replays without a watcher."""
         while True:
             await asyncio.sleep(_STORE_INTERVAL)
             with suppress(TimeoutError):  # `wait_for` of Python 3.11 may lose a cancellation

@@ -55,7 +55,7 @@ class SessionKeeper(Protocol):
     """A place where processes keep the sessions that others may resume."""
 
     async def put(self, states: Mapping[str, tuple[int, str]]) -> list[str] | None:
-        """SessionKeeper generations and states of sessions by id.
+        """Store generations and states of sessions by id.
 
         Return the ids of sessions that another process has resumed, or None if the store does not answer.
         """
@@ -78,7 +78,7 @@ class SessionStore:
         self._milliseconds = int(1000 * seconds)
 
     async def put(self, states: Mapping[str, tuple[int, str]]) -> list[str] | None:
-        """SessionKeeper generations and states of sessions by id.
+        """Store generations and states of sessions by id.
 
         Return the ids of sessions that another process has resumed, or None if the store does not answer.
         """
