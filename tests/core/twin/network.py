@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 
 from .features import HEAD_HEIGHT, MIRROR, Before, Head, features, find_head, mirrored, read, remember, stature
-from .layers import branch_of, logistic, recurrent_of, rounded, softplus
+from .layers import FEATURE, STATE, branch_of, logistic, recurrent_of, rounded, softplus
 from .points import BODY, BODY_PARTNER, PARTNER
 from .tracked import Tracked
 from .vectors import frame_of
@@ -54,11 +54,11 @@ def predict(of: Mapping[str, np.ndarray], seen: Tracked, memory: Memory) -> tupl
     head = find_head(seen, memory.turn)
     interval = np.float32(memory.elapsed) + np.float32(seen.interval)
     reading = read(seen, head, memory.before, interval, of["body.usual_bones"])
-    x = rounded(np.stack([features(reading), features(mirrored(reading))], axis=1))
+    x = rounded(np.stack([features(reading), features(mirrored(reading))], axis=1), FEATURE)
     above, after = x, []
     for layer, before in enumerate(memory.hidden):
         after.append(recurrent_of(of, "body", layer).step(above, before))
-        above = rounded(after[-1])
+        above = rounded(after[-1], STATE)
     turned = branch_of(of, "body.turn_branch").outputs(above, x)
     judged = branch_of(of, "body.judge_branch").outputs(above, x)
     memory.advances = memory.before is None or bool(interval >= ADVANCE)
