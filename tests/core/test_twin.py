@@ -33,8 +33,8 @@ def hidden_of(state: TrackerState, twin: Twin) -> tuple[list[np.ndarray], np.nda
 def check(case: Case) -> None:
     """Step both, and compare them in each frame.
 
-    Products round their inputs to 16 bits, where differences in the last bit grow to that rounding. So that they stay
-    small, what the recurrent layers remember is compared in each frame as well, and the twin goes on with the core's.
+    Products round features to 16 bits and states to 8, where differences in the last bit grow to that rounding. So that
+    they stay small, what the recurrent layers remember is compared in each frame, and the twin uses the core's then.
     Comparison ends at a tie, which hardly any draw has.
     """
     observation, person = observation_of(case), person_of(case)
@@ -43,7 +43,7 @@ def check(case: Case) -> None:
     for t in range(case.frames):
         estimate, state = tracker.step(observation[t : t + 1], state)
         try:
-            own = twin.step(observation, t)
+            own = twin.step(observation, t, hidden_of(state, twin))
         except Tie:
             assume(t > case.frames // 4)
             return

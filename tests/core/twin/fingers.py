@@ -66,7 +66,8 @@ def complete_fingers(of: Mapping[str, np.ndarray], seen: Tracked, head: Head, bo
     """Complete the fingers of a body in place. Returns expected errors (2, 20) m without the wrist's own."""
     x = rounded(np.stack([hand_features(of, seen, head, body, memory, hand) for hand in (0, 1)], axis=1), FEATURE)
     after = recurrent_of(of, "fingers", 0).step(x, memory.hands)
-    outputs = branch_of(of, "fingers.branch").outputs(rounded(after, STATE), x)
+    read = memory.core[1] if memory.core and memory.advances else after
+    outputs = branch_of(of, "fingers.branch").outputs(rounded(read, STATE), x)
     error = np.array([place_hand(of, seen, hand, outputs[:, hand], body) for hand in (0, 1)])
     if memory.advances:
         memory.hands, memory.elapsed = after, 0.0

@@ -64,10 +64,10 @@ class Recurrent:
         """H"""
         return self.of_state.shape[1]
 
-    def step(self, x: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """States (H, C) after inputs (N, C) that are rounded."""
+    def step(self, x: np.ndarray, before: np.ndarray, steps: int = STATE) -> np.ndarray:
+        """States (H, C) after inputs (N, C) that are rounded; states are rounded to `steps`."""
         given = np.split(self.of_input @ x + self.input_bias, 3)
-        kept = np.split(self.of_state @ rounded(before, STATE) + self.state_bias, 3)
+        kept = np.split(self.of_state @ rounded(before, steps) + self.state_bias, 3)
         reset, update = logistic(given[0] + kept[0]), logistic(given[1] + kept[1])
         candidate = np.tanh(given[2] + reset * kept[2])
         return candidate + update * (before - candidate)
