@@ -42,6 +42,7 @@ class SequenceBatch(NamedTuple):
     contact: Tensor  # (B, T, 4)
     valid: Tensor  # (B, T) bool
     begins: Tensor  # (B,) bool
+    usual: Tensor  # (B,) bool: `Sequence.usual`
     hands: HandBatch | None = None
 
 
@@ -81,6 +82,7 @@ def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) 
         contact=now["contact"].float(),
         valid=now["valid"],
         begins=torch.from_numpy(begins),
+        usual=torch.tensor([one.usual for one in sequences]),
         hands=_collate_hands(hands, chunk, interval) if hands else None,
     )
 

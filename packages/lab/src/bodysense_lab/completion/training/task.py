@@ -19,20 +19,31 @@ from bodysense.errors import BodysenseError
 from bodysense_lab.completion.data.batches import SequenceBatch, collate, whole_clips
 from bodysense_lab.completion.data.corpus import Corpus
 from bodysense_lab.completion.data.points import JOINTS
-from bodysense_lab.completion.data.postures import low_share, standing_share
+from bodysense_lab.completion.data.postures.postures import low_share, standing_share
+from bodysense_lab.completion.data.postures.upright import stance_shifts
 from bodysense_lab.completion.data.sensor_draws import fixed_sensors
-from bodysense_lab.completion.data.sequences import Sequence, draw_hands, draw_sequence
+from bodysense_lab.completion.data.sequences import Sequence, draw_hands, draw_scene, draw_sequence
 from bodysense_lab.completion.networks.fingers import FingerConfig
 from bodysense_lab.completion.networks.network import CompletionConfig
 from bodysense_lab.completion.score.finger_errors import FingerValidation, predicted_fingers, untracked_distances
-from bodysense_lab.completion.training.losses import FingerLosses, Losses, finger_losses, losses, prediction_errors
+from bodysense_lab.completion.training.losses import (
+    FingerLosses,
+    Losses,
+    finger_losses,
+    losses,
+    prediction_errors,
+    staying_loss,
+)
 from bodysense_lab.core.fit import Task, stream_sequences
 from bodysense_lab.core.options import Schedule
 from bodysense_lab.core.precision import layer_autocast
 
 HEADSET_CATEGORIES = ("sit", "talk_gesture", "everyday", "locomotion", "")  # motions of headset wearers; "" is unknown
+# Sensor sets of validation, and those that are scored on the own body only.
 SETS = ("three_point", "head", "six_point", "headset_camera", "three_point_imu_feet")
-_POSTURE_SHARE = 0.15  # share of sequences in postures that are rare in recordings
+OWN_SETS = ("mocopi_six", "dip_six", "headset_slimevr_six")
+_POSTURE_SHARE = 0.2  # share of sequences in postures that are rare in recordings
+_SCENE_SHARE = 0.12  # share of sequences that are scripted scenes
 _GENERATED = 0.5  # share of sequences whose fingers are generated
 
 
@@ -70,6 +81,7 @@ class CompletionTask(Task):
     validation: Mapping[str, list[SequenceBatch]]
     source: Mapping[str, Any] | None = None
     precision: torch.dtype | None = None  # of the layers; None: the device's own
+    teacher: Any = None  # an earlier network, to which predictions for usual sensors stay close; None: without
     mixed = True
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
@@ -77,13 +89,33 @@ class CompletionTask(Task):
         return _stream_batches(self._sequence_sampler(rng), self.configuration)
 
     def loss(self, batch: SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
-        """Return the losses of a chunk and the memory after it."""
-        before = _memory_before(self.network, batch, memory)
+        """Return the losses of a chunk and the memory after it: that of the network, then that of the teacher."""
+        before, layers = self._memory_before(batch, memory), self.network.config.layers
         features = self.network.read(batch.signal)
         with layer_autocast(features.device, self.precision):
-            (turned, judged), after = self.network.predict(features, before)
+            (turned, judged), after = self.network.predict(features, before[:layers])
         prediction = self.network.prediction(turned.float(), judged.float())
-        return losses(self.network, prediction, batch, self.configuration.losses), after
+        terms = losses(self.network, prediction, batch, self.configuration.losses)
+        if self.teacher is None:
+            return terms, after
+        after, earlier = after.detach().float(), before[layers:].clone()
+        rows = batch.usual
+        if rows.any():
+            with torch.no_grad(), layer_autocast(features.device, self.precision):
+                raw, earlier[:, rows] = self.teacher.predict(features[rows], before[layers:, rows])
+            kept = self.teacher.prediction(*(part.float() for part in raw))
+            stay = staying_loss(self.network, prediction, kept, batch, self.configuration.losses)
+            terms = {"loss": terms["loss"] + stay, "stay": stay, **{k: v for k, v in terms.items() if k != "loss"}}
+        else:
+            terms["stay"] = torch.zeros(())
+        return terms, torch.cat([after, earlier])
+
+    def _memory_before(self, batch: SequenceBatch, memory: Tensor | None) -> Tensor:
+        """Return the memories before a chunk: of the network, then of the teacher if there is one."""
+        if memory is None:
+            parts = [one.begin(len(batch.begins)) for one in (self.network, self.teacher) if one is not None]
+            memory = torch.cat(parts)
+        return torch.where(batch.begins[None, :, None], 0.0, memory.detach().float())
 
     @torch.no_grad()
     def validate(self, network: Any) -> dict[str, float]:
@@ -116,11 +148,15 @@ class CompletionTask(Task):
         weight = seconds * np.where(everyday, 1.0, 0.6) * (1 + low_share(self.corpus))
         still = seconds * standing_share(self.corpus) ** 2
         weight, still = weight / weight.sum(), still / max(still.sum(), 1e-9)
+        shifts = stance_shifts(self.corpus)
 
         def draw() -> Sequence:
+            if rng.uniform() < _SCENE_SHARE:
+                return draw_scene(rng, self.configuration.backward)
             change_posture = bool(still.any() and rng.uniform() < _POSTURE_SHARE)
             clip = int(rng.choice(len(weight), p=still if change_posture else weight))
-            return draw_sequence(self.corpus, clip, rng, change_posture, self.configuration.backward)
+            shift = 0.0 if change_posture else float(shifts[clip])
+            return draw_sequence(self.corpus, clip, rng, change_posture, self.configuration.backward, shift)
 
         return draw
 
@@ -206,6 +242,6 @@ def validation_batches(corpus: Corpus, stride: int, backward: bool = False) -> d
         f"{name}_{body}": whole_clips(
             corpus, clips, (body,), sensors=partial(fixed_sensors, SENSOR_SETS[name]), backward=backward
         )
-        for name in SETS
-        for body in ("own", "stranger")
+        for name in (*SETS, *OWN_SETS)
+        for body in (("own",) if name in OWN_SETS else ("own", "stranger"))
     }

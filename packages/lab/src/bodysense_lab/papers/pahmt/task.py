@@ -106,7 +106,7 @@ class ArmTask(Task):
         betas = (schedule.momentum, 0.999)
         return torch.optim.Adam(groups, lr=schedule.learning_rate, betas=betas, weight_decay=schedule.weight_decay)
 
-    def rate(self, step: int) -> float:
+    def rate(self, step: int, steps: int | None = None) -> float:
         """Return the learning rate: halved every `halve_every` epochs."""
         epoch = (step - 1) // self.epoch_steps
         return self.schedule.learning_rate * 0.5 ** (epoch // self.schedule.halve_every)

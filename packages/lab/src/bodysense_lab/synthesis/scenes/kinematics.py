@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense_lab.completion.data.limbs import bend_limb, limb_of
+from bodysense_lab.completion.data.postures.limbs import bend_limb, limb_of
 from bodysense_lab.synthesis.scenes.moves import ease, waves
 from bodysense_lab.synthesis.scenes.script import SIDES, SIGN, ArmPosture, Frame, Script
 
