@@ -16,6 +16,7 @@ from .twin.vectors import STRAIGHT, Tie
 
 DISTANCE, ANGLE = 1e-4, 0.01  # m, degrees
 FINGER_ANGLE = 0.05  # degrees: fingers are predicted from the turn of the wrist, rounded to 16 bits
+STATE = 1e-3  # of a recurrent layer's states: another of 127 steps, times a weight
 MEMORY_HEADER = 140  # numbers of a memory before those of the recurrent layers
 
 
@@ -50,7 +51,7 @@ def check(case: Case) -> None:
         body, hands = hidden_of(state, twin)
         what = f"frame {t} of {case}"
         for mine, layer in zip([*twin.memory.hidden, twin.memory.hands], [*body, hands], strict=True):
-            np.testing.assert_allclose(mine, layer, rtol=0, atol=5e-4, err_msg=what)
+            np.testing.assert_allclose(mine, layer, rtol=0, atol=STATE, err_msg=what)
         twin.memory.hidden, twin.memory.hands = body, hands
         angle = np.degrees(geodesic_angle(own.rotation, estimate.pose.rotation[0]))
         beyond = angle - most_angles(estimate.points[0])
