@@ -332,16 +332,16 @@ def _within_reach(shoulder: np.ndarray, target: np.ndarray, arm: float) -> np.nd
 def _hand(forearm: np.ndarray, palm: np.ndarray, sign: float) -> np.ndarray:
     """Return rotations (T, 3, 3) of a hand relative to its forearm whose palm faces a direction (T, 3) if it can.
 
-    The forearm turns the hand by at most about 95°, and the wrist bends by at most about 50°.
+    The forearm turns the hand by at most about 95°, and the wrist bends by at most about 65°.
     """
     facing = np.einsum("tji,tj->ti", forearm, palm)
     facing = facing / np.maximum(np.linalg.norm(facing, axis=-1, keepdims=True), 1e-6)
     across = np.hypot(facing[:, 1], facing[:, 2])
     turn = 2 * np.arctan2(-facing[:, 2], across - facing[:, 1] + 0.12)
     turn = np.degrees(1.75 * np.tanh(turn / 1.75))
-    bend = np.degrees(0.9 * np.tanh(facing[:, 0] * sign / 0.9)) * sign
+    bend = np.degrees(1.5 * np.tanh(facing[:, 0] * sign / 1.1)) * sign
     zero = np.zeros(len(turn))
-    return euler(zero, turn, zero) @ euler(zero, zero, 0.8 * bend)
+    return euler(zero, turn, zero) @ euler(zero, zero, bend)
 
 
 def _mass_centre(motion: Motion, offset: np.ndarray) -> np.ndarray:
