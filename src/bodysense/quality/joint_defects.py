@@ -21,7 +21,7 @@ Found = tuple[str, int, int, float]  # joint, first and last frame, size
 SPIKE = np.deg2rad(10.0)  # least deviation of a spike from the path around it
 WIDEST = 3  # frames; longest spike
 BESIDE = 4  # frames on either side with which a sudden change is compared
-SUDDEN = 3.0  # least ratio of a spike to the largest step beside it
+SUDDEN = 2.5  # least ratio of a spike to the largest step beside it
 POP = np.deg2rad(20.0)  # least step of a pop
 POP_RATIO = 5.0  # least ratio of a pop to the largest step beside it
 STILL = 1e-5  # rad; a joint that turns by less in a frame holds its rotation
@@ -29,10 +29,14 @@ FREEZE = 0.25  # s; shortest freeze
 MOVING = 1e-3  # rad; the body moves if its joints turn by more in a frame, in the median
 USUALLY_STILL = 0.5  # share of frames; a joint that holds still for more never moves in this take
 SWAP = np.deg2rad(40.0)  # least sum of steps of a pair of limbs that change sides
-SWAP_RATIO = 3.0  # least ratio of the steps with and without the change of sides
+SWAP_RATIO = 2.0  # least ratio of the steps with and without the change of sides
+SWAP_SUDDEN = 1.5  # least ratio of that step to those beside it; limbs that pass each other move evenly
 BACKWARD = np.deg2rad(12.0)  # least angle of a knee that bends backward
 KNEE = 0.1  # s; shortest span of a knee that bends backward
 
+# Joints that never hold still while the body moves, unlike knees at their stop, toes and collars, and joints that are
+# frozen only together with them.
+RESTLESS = (("shoulder",), ("elbow",), ("wrist",), ("hip", "knee", "foot"), ("ankle", "foot"))
 LIMBS = {"arm": ("collar", "shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle", "foot")}
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0])  # of a quaternion, left for right
 
@@ -110,11 +114,18 @@ def freezes(clip: Clip) -> list[Found]:
     body = np.sort(others, axis=1)[:, -max(1, others.shape[1] // 3) :].mean(axis=1) if others.size else others.sum(1)
     least = max(2, round(FREEZE * clip.frame_rate))
     found: list[Found] = []
-    for joint in np.flatnonzero(usual < USUALLY_STILL).tolist():
+    for side, (top, *below) in ((side, limb) for side in ("left", "right") for limb in RESTLESS):
+        joint = BODY.index(f"{side}_{top}")
+        if usual[joint] >= USUALLY_STILL:
+            continue
         for first, end in runs(still[:, joint]):
-            if end - first + 1 >= least and np.median(body[first:end]) > MOVING:
-                found.append((BODY[joint], first, end - 1, (end - first) / clip.frame_rate))
-    return found
+            if end - first + 1 < least or np.median(body[first:end]) <= MOVING:
+                continue
+            with_it = [k for k in (BODY.index(f"{side}_{part}") for part in below) if still[first:end, k].all()]
+            with_it = [k for k in with_it if usual[k] < 1]
+            for name in (BODY[k] for k in (joint, *with_it)):
+                found.append((name, first, end - 1, (end - first) / clip.frame_rate))
+    return list(dict.fromkeys(found))
 
 
 def swaps(clip: Clip) -> list[Found]:
@@ -124,7 +135,9 @@ def swaps(clip: Clip) -> list[Found]:
     for first_joint, parts in (("shoulder", LIMBS["arm"]), ("hip", LIMBS["leg"])):
         left, right = (rotation[:, [index(f"{side}_{part}") for part in parts]] for side in ("left", "right"))
         same, crossed = _changes(left, right)
-        events = np.flatnonzero((same > SWAP) & (same > SWAP_RATIO * crossed)) + 1
+        beside = np.maximum(np.append(0.0, same[:-1]), np.append(same[1:], 0.0))
+        is_change = (same > SWAP) & (same > SWAP_RATIO * crossed) & (same > SWAP_SUDDEN * beside)
+        events = np.flatnonzero(is_change) + 1
         for first, end in _between(events.tolist(), len(rotation)):
             size = same[(first or end) - 1]
             found.append((f"left_{first_joint}", first, end - 1, float(np.rad2deg(size))))

@@ -23,7 +23,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.holes import Missing
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.quality.defects import Defect, find_defects
-from bodysense.quality.foot_defects import standing
+from bodysense.quality.foot_defects import foot_motion
 from bodysense.quality.joint_defects import LIMBS
 from bodysense.sources.open import MotionSource, Source, open_source
 from bodysense.sources.partial_motion import PartialMotion, open_partial
@@ -33,6 +33,7 @@ from bodysense.tracking.tracker import TrackerSettings
 
 POP_SECONDS = 0.1  # s before and after a pop that are filled, so that the joint goes over smoothly
 FADE = 0.3  # s in which a held foot returns to its own path after it is lifted
+DRIFT = 0.06  # m/s; frames beside a slide in which the foot is faster belong to it
 FARTHEST = 0.35  # m; a foot that slides farther is left, since its legs would not reach
 LEG = ("hip", "knee", "ankle")
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0])  # of a quaternion, left for right
@@ -154,9 +155,11 @@ def _unswapped(pose: Pose, defect: Defect, changed: np.ndarray) -> Pose:
 def _held(clip: Clip, side: str, spans: Sequence[tuple[int, int]]) -> np.ndarray:
     """Return shifts (T, 3) m of an ankle that let a sliding foot stand where it stood before, or stands after."""
     place = np.asarray(forward_kinematics(clip.pose)[0])
-    ankle, stands = place[:, clip.pose.skeleton.index(f"{side}_ankle")], standing(clip, place, side)
+    foot = foot_motion(clip, side)
+    ankle, stands = place[:, clip.pose.skeleton.index(f"{side}_ankle")], foot.stands
+    drifts = stands & (foot.along > DRIFT)
     shift, fade = np.zeros_like(ankle), round(FADE * clip.frame_rate)
-    for first, end in spans:
+    for first, end in (_wider(drifts, *span) for span in spans):
         is_led = not (first and stands[first - 1]) and end < len(stands) and bool(stands[end])
         anchor = ankle[min(end, len(ankle) - 1)] if is_led else ankle[max(first - 1, 0)]
         own = np.zeros_like(ankle)
@@ -174,6 +177,15 @@ def _held(clip: Clip, side: str, spans: Sequence[tuple[int, int]]) -> np.ndarray
                 own[edge + step * count] = last * (1 - smooth_step(np.array((count + 1) / (fade + 1))))
         shift += own
     return shift
+
+
+def _wider(drifts: np.ndarray, first: int, end: int) -> tuple[int, int]:
+    """Return a span with the frames beside it in which the foot drifts (T,)."""
+    while first > 0 and drifts[first - 1]:
+        first -= 1
+    while end < len(drifts) and drifts[end]:
+        end += 1
+    return first, end
 
 
 def _lifted(clip: Clip, side: str, spans: Sequence[tuple[int, int]]) -> np.ndarray:

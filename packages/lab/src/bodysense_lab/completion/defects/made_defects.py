@@ -18,7 +18,7 @@ from bodysense.geometry.rotation import (
     smooth_step,
 )
 from bodysense.io.clip import Clip
-from bodysense.quality.foot_defects import standing
+from bodysense.quality.foot_defects import foot_motion
 from bodysense.quality.joint_defects import LIMBS
 
 SPIKED = tuple(f"{s}_{p}" for s in ("left", "right") for p in ("shoulder", "elbow", "hip", "knee", "ankle"))
@@ -27,6 +27,7 @@ TRIES = 30  # draws of a place before a clip is left without a defect
 LEAD = 0.3  # s of true motion before and after a defect
 VISIBLE = np.deg2rad(60.0)  # least sum of angles between two limbs that are swapped, at both edges
 MOVED = 0.03  # m; least mean error of a frozen limb
+FARTHEST, REACHED = 0.25, 0.01  # m: longest slide, and largest distance that the leg is too short for it
 STANDS = 0.05  # m/s; a foot that stands in truth is slower
 
 
@@ -101,22 +102,33 @@ def slide(clip: Clip, rng: np.random.Generator) -> MadeDefect | None:
     spans = [(s, a, b) for s, a, b in spans if b - a >= least and a > 3 and b + fade < len(clip) - 3]
     if not spans:
         return None
-    side, start, stop = spans[rng.integers(len(spans))]
-    count = min(stop - start - 2, round(rng.uniform(0.3, 1.0) * clip.frame_rate))
-    first = int(rng.integers(start + 1, stop - count))
-    angle, speed = rng.uniform(0, 2 * np.pi), rng.uniform(0.15, 0.5)
-    speed = min(speed, 0.25 / (count / clip.frame_rate))
-    drift = np.zeros(len(clip))
-    drift[first : first + count] = (np.arange(count) + 1) * speed / clip.frame_rate
-    drift[first + count : stop] = drift[first + count - 1]
-    drift[stop : stop + fade] = drift[stop - 1] * (1 - smooth_step((np.arange(fade) + 1) / (fade + 1)))
-    ankle = place[:, clip.pose.skeleton.index(f"{side}_ankle")]
-    moved = drift > 0
-    bent = reach(clip.pose, f"{side}_ankle", ankle + drift[:, None] * [np.cos(angle), 0.0, np.sin(angle)])
-    rotation, leg = np.array(clip.pose.rotation), tuple(f"{side}_{part}" for part in ("hip", "knee", "ankle"))
-    for joint in clip.pose.skeleton.indices(leg):
-        rotation[moved, joint] = np.asarray(bent.rotation)[moved, joint]
-    return MadeDefect("slide", _with_rotation(clip, rotation), leg, first, first + count - 1)
+    for _ in range(TRIES):
+        side, start, stop = spans[rng.integers(len(spans))]
+        count = min(stop - start - 2, round(rng.uniform(0.3, 1.0) * clip.frame_rate))
+        first = int(rng.integers(start + 1, stop - count))
+        angle, speed = rng.uniform(0, 2 * np.pi), rng.uniform(0.15, 0.5)
+        speed = min(speed, FARTHEST / (count / clip.frame_rate))
+        drift = np.zeros(len(clip))
+        drift[first : first + count] = (np.arange(count) + 1) * speed / clip.frame_rate
+        drift[first + count : stop] = drift[first + count - 1]
+        drift[stop : stop + fade] = drift[stop - 1] * (1 - smooth_step((np.arange(fade) + 1) / (fade + 1)))
+        wanted = place[:, clip.pose.skeleton.index(f"{side}_ankle")]
+        wanted = wanted + drift[:, None] * [np.cos(angle), 0.0, np.sin(angle)]
+        made = _with_ankle(clip, side, wanted, drift > 0)
+        reached = np.asarray(forward_kinematics(made.pose)[0])[:, clip.pose.skeleton.index(f"{side}_ankle")]
+        if np.linalg.norm(reached - wanted, axis=1)[drift > 0].max() < REACHED:  # its leg is long enough
+            leg = tuple(f"{side}_{part}" for part in ("hip", "knee", "ankle"))
+            return MadeDefect("slide", made, leg, first, first + count - 1)
+    return None
+
+
+def _with_ankle(clip: Clip, side: str, wanted: np.ndarray, where: np.ndarray) -> Clip:
+    """Return the clip with an ankle at (T, 3) m in some frames (T,)."""
+    bent = np.asarray(reach(clip.pose, f"{side}_ankle", wanted).rotation)
+    rotation = np.array(clip.pose.rotation)
+    for joint in clip.pose.skeleton.indices([f"{side}_{part}" for part in ("hip", "knee", "ankle")]):
+        rotation[where, joint] = bent[where, joint]
+    return _with_rotation(clip, rotation)
 
 
 MAKERS: dict[str, Callable[[Clip, np.random.Generator], MadeDefect | None]] = {
@@ -131,7 +143,7 @@ def _at_rest(clip: Clip, place: np.ndarray, side: str) -> np.ndarray:
     """Return (T,) bool: the foot stands in truth."""
     foot = place[:, [clip.pose.skeleton.index(f"{side}_{part}") for part in ("ankle", "foot")]]
     speed = np.linalg.norm(np.gradient(foot, axis=0), axis=-1).max(axis=1) * clip.frame_rate
-    return standing(clip, place, side) & (speed < STANDS)
+    return foot_motion(clip, side).stands & (speed < STANDS)
 
 
 def _place(clip: Clip, count: int, rng: np.random.Generator) -> int:

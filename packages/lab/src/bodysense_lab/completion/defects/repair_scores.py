@@ -1,4 +1,4 @@
-"""Scores of repair: how many made-up defects are found, how many clean frames are called defective, what repair leaves."""
+"""Scores of repair: made-up defects that are found, clean frames that are called defective, and what repair leaves."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def repair_report(scores: RepairScores, name: str) -> Report:
         columns=("defect", "made", "found %", "false %", "before cm", "after cm", "ratio"),
         rows=tuple(rows),
         numbers=finite(numbers | others | {"repaired_foot_cm_s": slid, "frames": float(scores.frames)}),
-        caption=f"One defect of each kind made in every clip of {SHORTEST:g} s or more ({SECONDS:g} s of it, {RATE:g} Hz). "
+        caption=f"One defect of each kind in every clip of {SHORTEST:g} s or more ({SECONDS:g} s of it, {RATE:g} Hz). "
         "False: share of the frames of true motion in which a defect of the kind is found; of any kind: "
         f"{others['any_false_percent']:.2f} %. Before and after: mean error of the points that the wrong joints carry. "
         f"A repaired foot slides at {slid:.2f} cm/s.",
