@@ -17,6 +17,7 @@ from bodysense.body.hand import Side, glove_hands, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.archive import ZIP, MotionFile
+from bodysense.io.checked import checked
 from bodysense.io.clip import Clip
 from bodysense.io.markers.options import ENDINGS as MARKER_ENDINGS
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_file
@@ -70,6 +71,11 @@ class MotionSource:
     def remarks(self) -> tuple[str, ...]:
         """Lines that describe the file as recognised."""
         return self._read[1]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Doubts about the motion, with the option that settles each."""
+        return self.clip.warnings
 
     @property
     def held_still(self) -> HeldStill:
@@ -275,7 +281,8 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
 
     if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate, options.smpl_model)
-        return apply_options(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
+        clip = checked(apply_options(clip, options, "results of SMPL", "y"))
+        return clip, tuple(f"note: {remark}" for remark in remarks)
     if path.suffix.lower() in _GLTF:
         from bodysense.io.gltf.motion import read_gltf
 
@@ -284,7 +291,7 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
             f"note: {remark}" for remark in remarks
         )
     clip, placement = read_amass_source(MotionEntry(path, person="", split="test"), options)
-    return clip, () if placement is None else (f"note: {placement.remark}",)
+    return checked(clip), () if placement is None else (f"note: {placement.remark}",)
 
 
 def _still_limbs(rigged: Rigged) -> HeldStill:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -53,6 +54,7 @@ def open_motion(
             opened = replace(opened, watches_limbs=watches_limbs)
             for line in opened.remarks:
                 print(line.replace("--rate", option))
+            print_warnings(opened.warnings)
             return opened
     except BodysenseError as error:
         raise BodysenseError(str(error).replace("--rate", option)) from None
@@ -61,6 +63,12 @@ def open_motion(
         f"{file}: {whole}, not a motion; complete it first: bodysense track {file.name} -o motion.bvh, or give a "
         f"file of {', '.join(MOTION_ENDINGS)}"
     )
+
+
+def print_warnings(warnings: Sequence[str]) -> None:
+    """Print warnings about a user's file."""
+    for line in warnings:
+        print(f"WARNING: {line}", file=sys.stderr)
 
 
 def person_of(file: Path | None, height: float | None) -> Person | None:
@@ -86,8 +94,7 @@ def open_recorded(
     if isinstance(opened, MarkerSource):
         for line in opened.remarks:
             print(line)
-        for line in opened.warnings:
-            print(f"WARNING: {line}", file=sys.stderr)
+        print_warnings(opened.warnings)
     if isinstance(opened, (MarkerSource, RecordingSource)) and glove_hands(opened.recording.observation.points):
         if fingers:
             raise BodysenseError(f"{file}: its gloves have fingers; leave --fingers synthesize out")

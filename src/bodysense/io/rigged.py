@@ -19,6 +19,7 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.bvh import figures_of
 from bodysense.io.bvh_text import BvhFile, parse_bvh
+from bodysense.io.checked import checked
 from bodysense.io.clip import Clip, at_height
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.canonical import canonical
@@ -178,6 +179,7 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
     figure = _chosen(file, options)
     rig = recognise(figure, options)
     clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
+    clip = checked(clip, rig.warnings, rig.joints.keys())
     if options.height is not None:
         scale = options.height / clip.pose.skeleton.height
         rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)

@@ -24,6 +24,7 @@ from bodysense.body.rotation import (
 )
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.checked import checked
 from bodysense.io.clip import Clip
 from bodysense.io.gltf.file import GltfFile, open_gltf
 from bodysense.io.gltf.humanoid import VRM_BONES, from_t_posed
@@ -76,7 +77,7 @@ def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, 
     turns = not stretch or bool(np.ptp(world, axis=0).max() > STRETCH)
     ours = {given: name for name, given in rig.joints.items()}
     whole = canonical(clip, ours, found if stretch else None, turns)
-    return replace(whole, name=path.stem), (*rig.made_up, *remarks)
+    return checked(replace(whole, name=path.stem), known=ours.values()), (*rig.made_up, *remarks)
 
 
 def _names(file: GltfFile) -> tuple[list[str], bool]:
@@ -124,7 +125,7 @@ def _bones(file: GltfFile) -> dict[str, int]:
 def _recognised(file: GltfFile, figure: Figure, joints: Path | None) -> Rig:
     """Return the rig of the animated tree. Nodes scaled to zero have an error message of their own."""
     try:
-        return recognise(figure, ReadingOptions(up="y", floor=0.0, joints=joints))
+        return recognise(figure, ReadingOptions(floor=0.0, joints=joints), format_up="y")
     except BodysenseError:
         _turns(file.path, _world(file, list(figure.nodes), {}, np.zeros(1)))
         raise

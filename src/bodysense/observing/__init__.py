@@ -1,0 +1,1 @@
+"""What is observed: the world of a source."""
