@@ -28,7 +28,7 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.cli import main
-from bodysense.io.rigged import read_rigged
+from bodysense.io.bvh import read_bvh
 
 _COMMAND = re.compile(r"(?:python3? -c \".*?\"|bodysense [^;:]+?)(?=$|[;:,.]? |[;:,.]?$)")
 _RELATED = re.compile(r"python3? -c \".*\"")
@@ -53,7 +53,7 @@ def error_of(row: dict[str, Any], written: Path, truth: Path) -> str:
     """Return what differs from the truth; nothing if the body is right."""
     stored = np.load(truth)
     names, place = [str(name) for name in stored["names"]], stored["place"]
-    pose = read_rigged(written.read_bytes(), written).clip.pose
+    pose = read_bvh(written).pose
     found = np.asarray(forward_kinematics(pose)[0])[:, pose.skeleton.indices(names)]
     frames = min(len(found), len(place))
     if len(found) < 0.9 * len(place):
@@ -62,9 +62,7 @@ def error_of(row: dict[str, Any], written: Path, truth: Path) -> str:
     if row.get("relative"):
         hips = [names.index("left_hip"), names.index("right_hip")]
         found, place = (p - p[:, hips].mean(axis=1, keepdims=True) for p in (found, place))
-    level = np.array([1.0, 0.0, 1.0])
-    found, place = (p - p.mean(axis=(0, 1)) * level for p in (found, place))
-    # The heading is free.
+    found, place = (p - p.mean(axis=(0, 1)) for p in (found, place))  # the origin and the heading are free
     cross = (place[..., 0] * found[..., 2] - place[..., 2] * found[..., 0]).sum()
     same = (place[..., 0] * found[..., 0] + place[..., 2] * found[..., 2]).sum()
     found = quaternion_rotate(quaternion_exp(np.array([0.0, np.arctan2(cross, same), 0.0])), found)
@@ -72,7 +70,7 @@ def error_of(row: dict[str, Any], written: Path, truth: Path) -> str:
     limits = dict.fromkeys(names, np.inf) | row.get("joints", {})
     wrong = [f"{name} {error[names.index(name)]:.1f}" for name in limits if error[names.index(name)] > limits[name]]
     if error.mean() > row["limit_cm"]:
-        wrong.append(f"mean {error.mean():.1f} cm, up by {100 * (found - place)[..., 1].mean():.1f}")
+        wrong.append(f"mean {error.mean():.1f} cm")
     return ", ".join(wrong)
 
 

@@ -23,11 +23,12 @@ AXES: tuple[UpAxis, ...] = ("y", "z", "x", "-y", "-z", "-x")  # the first of equ
 # turned to six axes and cut to 3 s, so that a right word of the file is never overruled.
 FORMAT = 6.0  # the format defines the axis
 REST_POSE = 4.0  # the file's own rest pose stands along the axis
-USUAL = 2.0  # most files of the kind have the axis
+USUAL = 2.5  # most files of the kind have the axis
 _STANDS = 2.0  # times the mean cosine between body and axis
 _ONE_LEVEL = 1.5  # times the share of frames in which the lowest point is on the floor
 _AT_ZERO = 1.5  # the floor is at 0
 _HOLDS = 4.0  # times the share of frames in which something on the floor does not slide
+_OVERRULES = 1.5  # a smaller difference does not overrule the usual axis of a kind of files
 _UNSURE = 1.0  # a smaller difference of two axes is a doubt
 _LIES = 0.3  # mean cosine of body and axis below which a body lies or bends
 _UNLIKELY, _EXCLUDED = 3.0, 6.0  # differences of evidence from which a told axis is doubted, and refused
@@ -101,6 +102,15 @@ def doubts(found: Upward, source: str) -> list[str]:
     if found.is_unsure:
         return [f"{says}, but {signed(found.other)} is nearly as likely: give --up {found.axis} or --up {found.other}"]
     return []
+
+
+def check_overruled(name: str, found: Upward) -> None:
+    """Raise BodysenseError, beginning with `name`, if the motion speaks against the usual axis, but not clearly."""
+    if found.is_against_the_file and found.margin < _OVERRULES:
+        raise BodysenseError(
+            f"{name}: the body stands along {signed(found.axis)} or lies on a floor under {signed(str(found.word))}, "
+            f"which its motion does not tell; give the upward axis, --up {found.axis} or --up {found.word}"
+        )
 
 
 def told_warning(name: str, told: UpAxis, found: Upward) -> list[str]:

@@ -41,7 +41,7 @@ def doubts_about(place: Places, later: Places, moment: float, rate: float) -> li
         moment: that moment, s.
         rate: frames a second.
     """
-    found = [_flat(place), _speed(place, later, moment), _mirrored(place), _rate(rate), _size(place)]
+    found = [flat_doubt(place), _speed(place, later, moment), _mirrored(place), _rate(rate), _size(place)]
     return [doubt for doubt in found if doubt is not None]
 
 
@@ -95,7 +95,8 @@ def _mirrored(place: Places) -> Doubt | None:
     )
 
 
-def _flat(place: Places) -> Doubt | None:
+def flat_doubt(place: Places) -> Doubt | None:
+    """Return a doubt about points that all lie in one plane."""
     points = np.stack(list(place.values()), axis=1)
     points = points[np.isfinite(points).all(axis=(1, 2))]
     if len(points) == 0 or points.shape[1] < 4:
