@@ -325,7 +325,7 @@ def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions)
 
 def _recording_source(name: str, recording: Recording, reading: ReadingOptions) -> RecordingSource:
     """Return the source of a recording, converted from the given unit and upward axis to metres and +Y up."""
-    for option in reading.for_motions():
+    for option in (*reading.for_motions(), *(["--left-handed"] if reading.left_handed else [])):
         raise BodysenseError(f"{name}: {option} is for motions, not for recordings; leave it out")
     observation = convert_world(recording.observation, reading.unit, reading.up)
     return RecordingSource(name, replace(recording, observation=observation), reading)

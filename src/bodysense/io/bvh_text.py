@@ -27,7 +27,9 @@ _TOKEN = re.compile(
     r"|CHANNELS\s+(?P<count>\d{1,2})\b(?P<channels>(?:\s+[XYZ](?:position|rotation)\b)*))",
     re.IGNORECASE,
 )
-_HIERARCHY = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*(?:#|//|;|%)[^\r\n]*)*\s*HIERARCHY\b", re.IGNORECASE)  # comments before
+_HIERARCHY = re.compile(
+    rb"(?:\xef\xbb\xbf)?(?:\s*(?:#|//|;|%)[^\r\n]*)*\s*HIERARCHY\b", re.IGNORECASE
+)  # comments before
 _MOTION = re.compile(rb"(?:^|\r)[ \t]*MOTION\b", re.MULTILINE | re.IGNORECASE)
 _NOT_A_NUMBER = re.compile(rb"(?<!\S)[-+]?(?:1\.#\w+|nan\(\w*\))", re.IGNORECASE)  # as some compilers write NaN
 _A_RATE = 5.0  # s; a longer frame time is a number of frames a second

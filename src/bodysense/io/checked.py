@@ -13,7 +13,6 @@ from bodysense.io.clip import Clip, part_joints
 from bodysense.observing.world import moments
 from bodysense.quality.plausible import doubts_about
 
-
 _BODY = frozenset((*BODY, "left_toe", "right_toe"))
 
 

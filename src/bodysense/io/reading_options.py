@@ -33,6 +33,8 @@ class ReadingOptions:
     """
     height: float | None = None
     """height of the body in metres, to which a motion is scaled; the file's, or inferred, if omitted."""
+    left_handed: bool = False
+    """the axes of the file are left-handed, as in Unity and Unreal: of markers and of a motion's joints."""
     joints: Path | None = None
     """joint map of a motion: a JSON file, drafted by `bodysense data joints`; if omitted, joints are recognised."""
     figure: int | None = None
@@ -68,7 +70,8 @@ class ReadingOptions:
     def for_the_world(self) -> list[str]:
         """Return the given options that place a body in our world, with their values."""
         given = ((name, getattr(self, name)) for name in ("unit", "up", "floor", "height"))
-        return [f"--{name} {value}" for name, value in given if value is not None]
+        mirrored = ["--left-handed"] if self.left_handed else []
+        return [*(f"--{name} {value}" for name, value in given if value is not None), *mirrored]
 
     @property
     def metres(self) -> float | None:

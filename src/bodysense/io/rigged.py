@@ -166,6 +166,7 @@ class Rigged:
     figure: Figure  # of the body chosen, in file units
     rig: Rig
     clip: Clip
+    is_mirrored: bool = False  # it was read as left-handed
 
 
 def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, must_stand: bool = False) -> Rigged:
@@ -184,7 +185,7 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
         scale = options.height / clip.pose.skeleton.height
         rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)
         clip = at_height(clip, options.height)
-    return Rigged(file, figure, rig, clip)
+    return Rigged(file, figure, rig, clip, options.left_handed)
 
 
 def figure_of_file(data: bytes, path: Path, options: ReadingOptions = AS_FOUND) -> Figure:
@@ -194,7 +195,10 @@ def figure_of_file(data: bytes, path: Path, options: ReadingOptions = AS_FOUND) 
 
 def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
     """Return the body that the options choose."""
-    path, figures = file.path, bodies_of(figures_of(file), options)
+    figures = figures_of(file)
+    if options.left_handed:
+        figures = [figure.mirrored() for figure in figures]
+    path, figures = file.path, bodies_of(figures, options)
     names = ", ".join(f"{rank} ({figure.joints[0]})" for rank, figure in enumerate(figures, start=1))
     if options.figure is None and len(figures) > 1:
         raise BodysenseError(f"{path}: {len(figures)} bodies in it: {names}; choose one with --figure 1")

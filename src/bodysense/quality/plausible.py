@@ -49,7 +49,9 @@ def floor_doubt(floor: float) -> Doubt | None:
     """Return a doubt about feet that stand at a height (m) far from 0."""
     if abs(floor) <= FLOOR:
         return None
-    return Doubt("floor", f"its feet stand at y = {floor:.3g} m, far from 0: if the unit is wrong, give --unit cm or mm")
+    return Doubt(
+        "floor", f"its feet stand at y = {floor:.3g} m, far from 0: if the unit is wrong, give --unit cm or mm"
+    )
 
 
 def facing(place: Places) -> tuple[float, float]:

@@ -182,6 +182,8 @@ def apply_options(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Cl
             raise BodysenseError(
                 f"{clip.name}: {kind} hold one body, in metres, whose joints are known; leave --{option} out"
             )
+    if options.left_handed:
+        raise BodysenseError(f"{clip.name}: {kind} are right-handed; leave --left-handed out")
     if options.up not in (None, up):
         raise BodysenseError(f"{clip.name}: {kind} are {up} up; leave --up {options.up} out")
     if options.floor is not None:

@@ -98,7 +98,11 @@ def body_of(
     seen = np.asarray(observation.has_position.any(axis=0) | observation.has_rotation.any(axis=0))
     points = [name for name, is_seen in zip(observation.points, seen, strict=True) if is_seen]
     arms_hang = not of_gloves and all(name.rpartition("_")[2] in ("pelvis", *LEG) for name in points)
-    alarms = (*alarms, *_duplicate_warning(raw, known), *_guess_warning([*points, *of_gloves.values()], others, arms_hang))
+    alarms = (
+        *alarms,
+        *_duplicate_warning(raw, known),
+        *_guess_warning([*points, *of_gloves.values()], others, arms_hang),
+    )
     return MarkerRecording(
         observation=observation,
         frame_rate=raw.frame_rate,
@@ -246,7 +250,7 @@ def _turned_upright(
     clearance = clearance_of(names)
     if form.up is not None:
         motion = judged_up(points[first], points[later], moment, top - bottom, clearance=clearance)
-        return raw, told_warning(place, form.up, motion)
+        return raw, told_warning(form.up, motion)
     upward = int(np.argmax(np.abs(axes[1])))
     declared = cast(UpAxis, ("" if axes[1, upward] > 0 else "-") + "xyz"[upward])
     words: dict[UpAxis, float] = {declared: USUAL}

@@ -34,8 +34,6 @@ class MarkerOptions:
     """
     names: Path | None = None
     """Table of a marker file's names and ours, .json or .csv (docs/markers.md)."""
-    left_handed: bool = False
-    """The axes of a marker file are left-handed, as in Unity and Unreal."""
     rate: float | None = None
     """Frames per second, for files without a rate."""
     unlabelled: Literal["left", "right", "both"] | None = None
@@ -52,7 +50,7 @@ class MarkerOptions:
             raise BodysenseError(f"{', '.join(more)}: for motions, not for marker files; leave it out")
         names = None if self.names is None else read_names(self.names)
         unit, up = cast("Unit | None", reading.unit), cast("Up | None", reading.up)
-        return MarkerFormat(names, unit, up, self.left_handed, self.rate, self.glove_set(), reading.floor)
+        return MarkerFormat(names, unit, up, reading.left_handed, self.rate, self.glove_set(), reading.floor)
 
     def glove_set(self) -> GloveSet | None:
         """Return the gloves' marker set, if one is given."""

@@ -25,7 +25,7 @@ from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.body import WORST, Body, named_body
 from bodysense.io.rigs.figure import Figure, Tree, measured, usual_length
 from bodysense.io.rigs.names import ARMS, LEGS, family_of
-from bodysense.observing.world import REST_POSE, clearance_of, doubts, judged_up, moments, told_warning
+from bodysense.observing.world import HABIT, REST_POSE, clearance_of, doubts, judged_up, moments, told_warning
 
 _PERSON = (1.3, 2.3)  # m: height of a person
 _CHILD = 0.9  # m: height of a smaller person, allowed in metres, centimetres or millimetres
@@ -290,21 +290,27 @@ def _upward(
     Raises BodysenseError if no axis is likely, and for a told axis that the motion contradicts.
     """
     metres = _USUAL_HEIGHT / size
+    points = {name: point for name, point in points.items() if name in BODY or name.endswith(("_toe", "_top"))}
+    names = list(points)
     first, later, moment = moments(len(figure), figure.frame_rate)
     place, after = (_points_at(figure, points, frames) * metres for frames in (first, later))
-    names = list(points)
     by_name = {name: place[:, k] for k, name in enumerate(names)}
-    body = _trunk(by_name) if "left_hip" not in points else _middle(by_name, "shoulder") - _middle(by_name, "ankle")
+    if "left_hip" in points:
+        body = _middle(by_name, "shoulder") - _middle(by_name, "ankle")
+    else:  # what it stands on is not in the file
+        body, place, after = _trunk(by_name), place * np.nan, after * np.nan
     rest = _resting_axis(figure, points)
-    words: dict[UpAxis, float] = {} if rest is None else {rest: REST_POSE}
+    words: dict[UpAxis, float] = {"y": HABIT} if rest is None else {rest: REST_POSE}
     clearance = clearance_of(names)
     found = judged_up(place, after, moment, body, clearance=clearance, words=words)
     if told is not None:
-        return told, 1.0, told_warning(figure.name, told, judged_up(place, after, moment, body, clearance=clearance))
-    if not words and found.is_unsure and found.stands < _NEVER_UPRIGHT:
+        return told, 1.0, told_warning(told, judged_up(place, after, moment, body, clearance=clearance))
+    if rest is None and found.is_unsure and found.stands < _NEVER_UPRIGHT:
         raise BodysenseError(
             f"{figure.name}: it never stands upright, so that no upward axis was found; give it, as --up y or --up z"
         )
+    if rest is None:
+        found = replace(found, word=None)
     return found.axis, max(found.stands, 0.0 if rest is None else 0.5), doubts(found, "its rest pose")
 
 
@@ -325,7 +331,7 @@ def _resting_axis(figure: Figure, points: Mapping[str, int]) -> UpAxis | None:
     place = {name: rest[point][None] for name, point in points.items()}
     tree = measured(figure)
     for side in ("left", "right"):
-        for a, b in (*pairwise((f"{side}_{part}" for part in ("hip", "knee", "ankle"))),):
+        for a, b in (*pairwise(f"{side}_{part}" for part in ("hip", "knee", "ankle")),):
             usual = tree.distance(points[a], points[b])
             if not abs(_bone(place, a, b) - usual) < _SAME_LENGTH * usual:
                 return None
@@ -354,7 +360,7 @@ def _find_floor(place: _Places, size: float, up: UpAxis) -> float:
     leg = _bone(place, "left_hip", "left_knee") + _bone(place, "left_knee", "left_ankle")
     soles = [height[name] - _SOLE[part] * leg for name in place if (part := name.partition("_")[2]) in _SOLE]
     # Who lies, crawls or stands on the hands rests on other joints.
-    others = [name for name in place if name.partition("_")[2] not in _SOLE]
+    others = [name for name in place if name in BODY and name.partition("_")[2] not in _SOLE]
     resting = clearance_of(others) * size / _USUAL_HEIGHT
     lowest = [*soles, *(height[name] - over for name, over in zip(others, resting, strict=True))]
     return float(np.percentile(np.min(lowest, axis=0), 5))
