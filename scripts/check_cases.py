@@ -26,9 +26,9 @@ from typing import Any
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.cli import main
-from bodysense.io.bvh import read_bvh
+from bodysense.geometry.rotation import quaternion_exp, quaternion_rotate
+from bodysense.io.formats.bvh import read_bvh
 
 _COMMAND = re.compile(r"(?:python3? -c \".*?\"|bodysense [^;:]+?)(?=$|[;:,.]? |[;:,.]?$)")
 _RELATED = re.compile(r"python3? -c \".*\"")

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.observing.world import clearance_of
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from further_layouts import FURTHER
-from more_layouts import MORE
 from made_people import LYING, lying_clip
+from more_layouts import MORE
 from rig_files import held_still, mapped, motion, write
 from rig_layouts import LAYOUTS
 

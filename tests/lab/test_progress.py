@@ -13,8 +13,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from bodysense_lab import fit, progress, sweep
-from bodysense_lab.options import Schedule
+from bodysense_lab.core import fit, progress, sweep
+from bodysense_lab.core.options import Schedule
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,11 +7,10 @@ import pytest
 from made_people import LYING, lying_clip
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import BODY
-from bodysense.body.world_axes import TURNS, UpAxis
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.observing.world import (
     AXES,
@@ -25,6 +24,7 @@ from bodysense.observing.world import (
     moments,
     told_warning,
 )
+from bodysense.observing.world_axes import TURNS, UpAxis
 
 
 @pytest.fixture(scope="module")

@@ -1,1 +1,1 @@
-"""What is observed: the world of a source."""
+"""What is known of a person at each time, from any device."""

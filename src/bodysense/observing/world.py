@@ -13,9 +13,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_rotate
-from bodysense.body.world_axes import TURNS, UpAxis
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_rotate
+from bodysense.observing.world_axes import TURNS, UpAxis
 
 AXES: tuple[UpAxis, ...] = ("y", "z", "x", "-y", "-z", "-x")  # the first of equal ones is taken
 
@@ -160,7 +160,7 @@ def judged_up(
         clearance: (P,) m, heights of the points when the body rests on them.
         words: evidence of the file for each axis: `FORMAT`, `REST_POSE`, `USUAL`.
     """
-    evidence = {axis: (words or {}).get(axis, 0.0) for axis in AXES}
+    evidence: dict[UpAxis, float] = {axis: (words or {}).get(axis, 0.0) for axis in AXES}
     length = np.linalg.norm(body, axis=-1)
     known = length > 1e-9  # NaN compares false
     mean = (body[known] / length[known, None]).mean(axis=0) if known.any() else np.zeros(3)
@@ -179,7 +179,7 @@ def judged_up(
     ranked = sorted(AXES, key=lambda axis: -evidence[axis])
     word = max(words, key=lambda axis: words[axis]) if words else None
     best, other = ranked[:2]
-    return Upward(best, evidence[best] - evidence[other], other, stands[best], word, dict(evidence))
+    return Upward(best, evidence[best] - evidence[other], other, stands[best], word, evidence)
 
 
 def _along(axis: UpAxis, place: np.ndarray) -> np.ndarray:

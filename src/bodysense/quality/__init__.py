@@ -1,1 +1,1 @@
-"""Quality of motion: is it a person, and does it move like one."""
+"""How well a motion is estimated, and whether it moves like a person."""

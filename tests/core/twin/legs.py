@@ -4,7 +4,7 @@ from math import sqrt
 
 import numpy as np
 
-from bodysense.tracker import TrackerSettings
+from bodysense.tracking.tracker import TrackerSettings
 
 from .blend import BLEND, ease_limb, limb_heading
 from .feet import Foot, hold_feet

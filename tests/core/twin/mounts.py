@@ -12,7 +12,7 @@ from math import sqrt
 import numpy as np
 
 from bodysense.body.person import SENSOR, Person
-from bodysense.body.rotation import quaternion_to_matrix
+from bodysense.geometry.rotation import quaternion_to_matrix
 
 from .points import PELVIS, SIDES, at
 from .tracked import Tracked

@@ -6,7 +6,7 @@ went → the body hung on its head → spine bent to the pelvis → legs, feet h
 
 import numpy as np
 
-from bodysense.tracker import TrackerSettings
+from bodysense.tracking.tracker import TrackerSettings
 
 from .arms import kept_wrist, move_arm
 from .blend import BLEND, GROUP, find_changes, find_stand_ins, remember_limb

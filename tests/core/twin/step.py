@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.body.rotation import matrix_to_quaternion
-from bodysense.observation import Observation
-from bodysense.tracker import TrackerSettings
+from bodysense.geometry.rotation import matrix_to_quaternion
+from bodysense.observing.observation import Observation
+from bodysense.tracking.tracker import TrackerSettings
 
 from . import mounts, proportions
 from .clock import interval_of

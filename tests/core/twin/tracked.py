@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from bodysense.body.rotation import normalize, quaternion_to_matrix
-from bodysense.observation import Observation
+from bodysense.geometry.rotation import normalize, quaternion_to_matrix
+from bodysense.observing.observation import Observation
 
 from .points import BODY, HEAD, JOINTS, POINTS, WRISTS, at
 from .vectors import frame_of

@@ -10,9 +10,9 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.io.clip import Clip
-from bodysense.observation import Observation
-from bodysense_lab.completion.scenes import TrackedScene, Truth, scene_of
-from bodysense_lab.completion.tracking import TrackedMotion
+from bodysense.observing.observation import Observation
+from bodysense_lab.completion.score.scenes import TrackedScene, Truth, scene_of
+from bodysense_lab.completion.score.tracking import TrackedMotion
 
 # True positions (T, P, 3) m of a scene → output positions.
 PositionChange = Callable[[np.ndarray, TrackedScene], np.ndarray]

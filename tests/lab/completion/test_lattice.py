@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense_lab.completion.lattice import LATTICE_PARTS, random_edges, with_sensor
-from bodysense_lab.completion.options import TABLE_SETS
+from bodysense_lab.completion.kinds.lattice import LATTICE_PARTS, random_edges, with_sensor
+from bodysense_lab.completion.training.options import TABLE_SETS
 
 
 def test_the_tables_have_known_sensor_sets() -> None:

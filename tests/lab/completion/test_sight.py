@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodysense.body.rotation import quaternion_exp
-from bodysense_lab.completion import sight
+from bodysense.geometry.rotation import quaternion_exp
+from bodysense_lab.completion.score.sight import sight
 
 RATE = 30.0
 UP, AHEAD = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])

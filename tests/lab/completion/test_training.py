@@ -10,21 +10,19 @@ import torch
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.retarget import retarget
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.datasets.splits import split_of
-from bodysense.observation import INERTIAL_POINTS
-from bodysense_lab.completion.batches import collate
-from bodysense_lab.completion.corpus import Corpus
-from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
-from bodysense_lab.completion.options import CompletionTraining
-from bodysense_lab.completion.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
-from bodysense_lab.completion.sensor_draws import (
+from bodysense.io.formats.bvh import write_bvh
+from bodysense.observing.observation import INERTIAL_POINTS
+from bodysense_lab.completion.data.batches import collate
+from bodysense_lab.completion.data.corpus import Corpus
+from bodysense_lab.completion.data.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
+from bodysense_lab.completion.data.sensor_draws import (
     KINDS,
     SensorMasks,
     draw_sensors,
@@ -32,13 +30,15 @@ from bodysense_lab.completion.sensor_draws import (
     lost_hand,
     rotation_only,
 )
-from bodysense_lab.completion.sequences import Sequence, SequenceAugmentation, draw_sequence, make_sequence
-from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
+from bodysense_lab.completion.data.sequences import Sequence, SequenceAugmentation, draw_sequence, make_sequence
+from bodysense_lab.completion.data.training_bodies import TrainingBody
+from bodysense_lab.completion.networks.network import CompletionConfig, CompletionNetwork
+from bodysense_lab.completion.networks.weights_file import read_weights
 from bodysense_lab.completion.train import completion_finger_network, train_completion
-from bodysense_lab.completion.training_bodies import TrainingBody
-from bodysense_lab.completion.weights_file import read_weights
-from bodysense_lab.fit import launch_fabric, rate_at
-from bodysense_lab.options import Schedule
+from bodysense_lab.completion.training.options import CompletionTraining
+from bodysense_lab.completion.training.task import CompletionTask, CompletionTaskConfig
+from bodysense_lab.core.fit import launch_fabric, rate_at
+from bodysense_lab.core.options import Schedule
 
 FRAMES = 90
 PACKAGED = Path(str(files("bodysense.weights") / "completion.safetensors"))

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
-from bodysense.body.hand import hand_pose
+from bodysense.body.hands.hand import hand_pose
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.observation import Observation, check_observation, joined_points
+from bodysense.observing.observation import Observation, check_observation, joined_points
 
 if TYPE_CHECKING:
-    from bodysense.body.glove_set import GloveSet
+    from bodysense.body.hands.glove_set import GloveSet
 
 SensorSetName = Literal[
     "head",

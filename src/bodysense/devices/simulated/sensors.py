@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.inertial import sensor_accelerations
 from bodysense.errors import BodysenseError
-from bodysense.observation import EXACT_ACCURACY, INERTIAL_POINTS, Observation, accuracy_like
+from bodysense.geometry.rotation import quaternion_canonical
+from bodysense.observing.observation import EXACT_ACCURACY, INERTIAL_POINTS, Observation, accuracy_like
 
 WRISTS = ("left_wrist", "right_wrist")
 

@@ -10,12 +10,11 @@ from typing import cast
 
 import numpy as np
 
-from bodysense.body.glove_set import plain
-from bodysense.body.hand import FINGERS
-from bodysense.body.rotation import matrix_to_quaternion, quaternion_multiply, quaternion_rotate
+from bodysense.body.hands.glove_set import plain
+from bodysense.body.hands.hand import FINGERS
 from bodysense.body.skeleton import BODY, LEG, default_skeleton
-from bodysense.body.world_axes import TURNS, UpAxis
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import matrix_to_quaternion, quaternion_multiply, quaternion_rotate
 from bodysense.io.markers.centres import Places, axes_of, centre_of, turns_of
 from bodysense.io.markers.marker_sets import MarkerSet, Recipe, Recognised
 from bodysense.io.markers.raw_markers import (
@@ -29,7 +28,7 @@ from bodysense.io.markers.raw_markers import (
     listed,
     world_of,
 )
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
 from bodysense.observing.world import (
     USUAL,
     check_overruled,
@@ -40,6 +39,7 @@ from bodysense.observing.world import (
     signed,
     told_warning,
 )
+from bodysense.observing.world_axes import TURNS, UpAxis
 from bodysense.quality.plausible import doubts_about, flat_doubt
 
 SIZES = (0.55, 1.45)  # of an adult's size: range of a person's
