@@ -79,11 +79,11 @@ def outcome(row: dict[str, Any], folder: Path, work: Path) -> str:
     name = row["file"]
     shutil.copy(folder / name, work / name)
     command = [row.get("command", "track"), name, "-o", "out.bvh", *row.get("options", [])]
-    status, _, err = run(command, work)
+    status, out, err = run(command, work)
     if row.get("verbose"):
         print(err)
     truth = folder / row["truth"] if "truth" in row else None
-    said = err.lower().replace(Path(name).stem.lower(), "")
+    said = err.lower().replace(name.lower(), "")
     says = any(word.lower() in said for word in row.get("say", [""]))
     unsaid = [word for word in row.get("say_not", []) if word.lower() in said]
     if status == 0 and row["kind"] != "refuse":
@@ -92,6 +92,8 @@ def outcome(row: dict[str, Any], folder: Path, work: Path) -> str:
         warned = row.get("warn") and "WARNING" in err and says
         if warned:
             return ""
+        if not row.get("or_body") and any(word.lower() in out.lower() for word in row.get("say", [])):
+            return ""  # read, and said how
         if row.get("or_body") and truth:
             return error_of(row, work / "out.bvh", truth)
         return f"read without a word: {err.strip()[:200]}"

@@ -88,6 +88,7 @@ def open_recorded(
     If `fingers` are to be synthesized, files with gloves are refused.
     """
     from bodysense.body.hands.hand import glove_hands
+    from bodysense.io.markers.options import is_marker_file
     from bodysense.sources.open import MarkerSource, RecordingSource, open_source
 
     opened = open_source(file, reading, markers)
@@ -95,6 +96,12 @@ def open_recorded(
         for line in opened.remarks:
             print(line)
         print_warnings(opened.warnings)
+    if isinstance(opened, RecordingSource) and is_marker_file(file):
+        points = ", ".join(opened.recording.observation.points)
+        axes = (
+            "left-handed (--left-handed)" if reading.left_handed else "right-handed, as OpenXR's (else --left-handed)"
+        )
+        print(f"note: a headset's log, read as a recording (as a .jsonl is) of {points}; its axes are {axes}")
     if isinstance(opened, (MarkerSource, RecordingSource)) and glove_hands(opened.recording.observation.points):
         if fingers:
             raise BodysenseError(f"{file}: its gloves have fingers; leave --fingers synthesize out")

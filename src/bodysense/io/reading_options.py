@@ -38,7 +38,7 @@ class ReadingOptions:
     joints: Path | None = None
     """joint map of a motion: a JSON file, drafted by `bodysense data joints`; if omitted, joints are recognised."""
     figure: int | None = None
-    """number of the body in a motion of several, counted from 1."""
+    """number of the body in a file of several, counted from 1."""
     smpl_model: Path | None = None
     """SMPL, SMPL-H or SMPL-X model (.npz), or a folder of one for each gender, for the bones of bodies in AMASS and
     SMPL files; if omitted, the default body, in AMASS files as tall as its steps show.

@@ -95,6 +95,7 @@ class MarkerFormat:
     rate: float | None = None  # Hz, for files without a rate
     glove_set: GloveSet | None = None  # the marker set of the gloves; None: a packaged one, found by the labels
     floor: float | None = None  # m, the floor's height in our world; None: inferred from the body's feet
+    figure: int | None = None  # which of several people in a file, from 1
 
     def __post_init__(self) -> None:
         if self.rate is not None and not 0 < self.rate < float("inf"):
