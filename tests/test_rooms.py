@@ -5,15 +5,9 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from functools import cache
-from pathlib import Path
-from typing import Literal
 
-ROOT = Path(__file__).parents[1]
-SOURCES = {
-    "bodysense": ROOT / "src",
-    **{f"bodysense_{path.name}": path / "src" for path in (ROOT / "packages").iterdir()},
-}
+from import_graph import MODULES, SOURCES, circles, imported, ours, package, parsed
+
 MAY_IMPORT = {  # which other packages one may import
     "bodysense": set(),
     "bodysense_live": {"bodysense"},
@@ -50,52 +44,8 @@ SEARCH = {  # a circle that goes with the search of nameless skeletons
 LIGHT = {"numpy", "array_api_compat", "tyro", "rich"}  # what run-time modules may import at once
 
 
-def name_of(path: Path, source: Path) -> str:
-    parts = path.relative_to(source).with_suffix("").parts
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
-MODULES = {name_of(path, source): path for source in SOURCES.values() for path in sorted(source.rglob("*.py"))}
-
-
-def package(module: str) -> str:
-    return module.partition(".")[0]
-
-
 def room(module: str) -> str:
     return module.partition(".")[2].partition(".")[0]
-
-
-@cache
-def parsed(module: str) -> ast.Module:
-    return ast.parse(MODULES[module].read_text(encoding="utf-8"))
-
-
-When = Literal["import", "run", "any"]  # while it is imported; in its functions, too; and for types alone, too
-
-
-@cache
-def imported(module: str, when: When) -> frozenset[str]:
-    """Return the modules that a module imports."""
-    names: set[str] = set()
-    todo: list[ast.AST] = [parsed(module)]
-    while todo:
-        node = todo.pop()
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert not node.level and node.module, f"{module}: imports are absolute"
-            whole = {f"{node.module}.{alias.name}" for alias in node.names}
-            names |= {name if name in MODULES else node.module for name in whole}
-        elif isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING" and when != "any":
-            todo += node.orelse
-        elif when != "import" or not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
-            todo += (child for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr))
-    return frozenset(names)
-
-
-def ours(names: frozenset[str]) -> set[str]:
-    return {name for name in names if package(name) in SOURCES}
 
 
 def test_every_package_has_import_rules() -> None:
@@ -162,13 +112,8 @@ def test_the_commands_of_the_laboratory_load_without_the_server_and_the_referee(
 
 
 def test_no_modules_import_each_other() -> None:
-    """There is an order of modules in which each imports only from earlier ones, inside functions, too."""
-    remaining = {module: ours(imported(module, when="run")) & set(MODULES) - {module} for module in MODULES}
-    while free := {module for module, others in remaining.items() if not others & set(remaining)}:
-        remaining = {module: others for module, others in remaining.items() if module not in free}
-    while top := set(remaining) - set[str]().union(*remaining.values()):
-        remaining = {module: others for module, others in remaining.items() if module not in top}
-    arrows = {f"{a} → {b}" for a, others in remaining.items() for b in others if b in remaining}
+    """Modules have an order in which each imports only from earlier ones, inside functions, too."""
+    arrows = {f"{one} → {other}" for one, other in circles()}
     assert arrows <= SEARCH, f"in circles: {', '.join(sorted(arrows))}"
 
 

@@ -3,30 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from test_rooms import MODULES, imported, ours
+from import_graph import closure, imported, largest_savings
 
-Arrow = tuple[str, str]  # importer, imported
 SLACK = 1.1  # the numbers below are at most a tenth above what is measured
 MOST = {"completion.train": 96, "papers.hmd_vae.train": 80, "papers.pahmt.train": 74, "papers.unoc.train": 88}
-
-
-def closure(module: str, cut: Arrow | None = None) -> set[str]:
-    """Return the modules that a module imports, without packages that contain only a title."""
-    reached, todo = set[str](), [module]
-    while todo:
-        one = todo.pop()
-        if one in MODULES and one not in reached:
-            reached.add(one)
-            todo += (other for other in ours(imported(one, when="run")) if (one, other) != cut)
-    return {one for one in reached if MODULES[one].name != "__init__.py"}
-
-
-def largest_savings(module: str, count: int = 8) -> list[str]:
-    """Return the imports without which the closure would lose the most files."""
-    files = closure(module)
-    arrows = ((one, other) for one in files for other in ours(imported(one, when="run")) if other in files)
-    saved = sorted(((len(files) - len(closure(module, arrow)), *arrow) for arrow in arrows), reverse=True)
-    return [f"{files} files less without {one} → {other}" for files, one, other in saved[:count]]
 
 
 @pytest.mark.parametrize("name", MOST)
