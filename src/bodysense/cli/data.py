@@ -218,3 +218,4 @@ def sources() -> None:
     for entry in CATALOGUE:
         table.add_row(entry.name, entry.what, entry.format, entry.fingers, entry.licence, entry.where, entry.tables)
     Console().print(table)
+    print("The figures of the documentation are of CMU and Rocketbox; none is of another set.")

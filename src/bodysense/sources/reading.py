@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, expect
 from bodysense.io.clip import Clip
 from bodysense.io.formats.recording import Recording, write_recording
 from bodysense.io.motion_files import ENDINGS, write_motion
@@ -37,6 +37,8 @@ def write(path: str | Path, content: Clip | Recording | Observation) -> None:
     An observation is written as a recording of an unknown body. Raises BodysenseError if the ending is of another kind
     of file.
     """
+    expect(path, (str, Path), "write", "the path first: write(path, content)")
+    expect(content, (Clip, Recording, Observation), "write", "a Clip, a Recording or an Observation")
     path = Path(path)
     if isinstance(content, Observation):
         content = Recording(content, default_skeleton(), known=False)
