@@ -118,12 +118,14 @@ def test_frames_without_a_person_are_not_written(
     seen, times = pahmt.seen_from_front(waving_clip), len(waving_clip)
     there = (np.arange(times) >= 10) & (np.arange(times) < times - 5)
     masks = {name: getattr(seen, name) & there[(...,) + (None,) * (getattr(seen, name).ndim - 1)] for name in MASKS}
-    monkeypatch.setattr(pahmt, "filmed", lambda name: replace(seen, **masks))
+    monkeypatch.setattr(pahmt, "filmed", lambda name, landmarkers: replace(seen, **masks))
     found = SYSTEMS["pahmt"](VideoSource("film.mp4"), PaperOptions(variant="cnn"))
     printed = capsys.readouterr().out
     assert len(found) == times - 15
     assert f"seen in {there.mean():.0%} of {times} frames" in printed and f"frames 10 to {times - 6}" in printed
-    monkeypatch.setattr(pahmt, "filmed", lambda name: replace(seen, **{name: 0 * masks[name] > 0 for name in MASKS}))
+    monkeypatch.setattr(
+        pahmt, "filmed", lambda name, landmarkers: replace(seen, **{name: 0 * masks[name] > 0 for name in MASKS})
+    )
     with pytest.raises(BodysenseError, match=r"film\.mp4: no person is seen"):
         SYSTEMS["pahmt"](VideoSource("film.mp4"), PaperOptions(variant="cnn"))
 
@@ -131,12 +133,13 @@ def test_frames_without_a_person_are_not_written(
 def test_pahmt_reads_the_given_video(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
     watched: list[str] = []
 
-    def film(name: str) -> ArmKeypoints:
+    def film(name: str, landmarkers: Path | None) -> ArmKeypoints:
         watched.append(name)
+        assert landmarkers == Path("here")
         return pahmt.seen_from_front(waving_clip)
 
     monkeypatch.setattr(pahmt, "filmed", film)
-    found = SYSTEMS["pahmt"](VideoSource("film.mp4"), PaperOptions(variant="cnn", height=1.6))
+    found = SYSTEMS["pahmt"](VideoSource("film.mp4"), PaperOptions(variant="cnn", height=1.6, landmarkers=Path("here")))
     assert watched == ["film.mp4"] and len(found) == len(waving_clip)
     np.testing.assert_array_equal(found.pose.skeleton.rest_offset, Person(height=1.6).skeleton.rest_offset)
 
@@ -200,6 +203,7 @@ def test_completion_equals_the_tracker(short_clip: Clip) -> None:
         ("--method hmd_vae --variant cnn", "valid are 0, 1, 2, 3, 4"),
         ("--method unoc --variant paper", "bodysense train body-gru --data DIR --form paper -o body.onnx"),
         ("--method unoc --calibration flat.npz", "for --method two_hands, not for unoc"),
+        ("--method unoc --landmarkers here", "for --method pahmt, not for unoc"),
         ("--method completion --variant 2", "has no such variant; leave it out"),
     ],
 )

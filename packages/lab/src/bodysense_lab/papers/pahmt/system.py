@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from bodysense.body.keypoints import ArmKeypoints
@@ -32,7 +34,7 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
         raise BodysenseError("--method pahmt: a camera watches; leave --device and --noise out")
     model = _model(options)
     if isinstance(opened, VideoSource):
-        keypoints, skeleton = filmed(opened.name), Person(height=options.height).skeleton
+        keypoints, skeleton = filmed(opened.name, options.landmarkers), Person(height=options.height).skeleton
     elif isinstance(opened, MotionSource):
         clip = opened.clip
         keypoints, skeleton = seen_from_front(clip), clip.pose.skeleton
@@ -75,9 +77,9 @@ def seen_part(frames: ArmKeypoints, name: str) -> slice:
     return slice(first, last)
 
 
-def filmed(name: str) -> ArmKeypoints:
-    """Return the key-points of the largest person in a video."""
-    parts = watched(name, find_landmarkers(None), LandmarkerSettings())
+def filmed(name: str, landmarkers: Path | None = None) -> ArmKeypoints:
+    """Return the key-points of the largest person in a video; `landmarkers` is a folder of MediaPipe's networks."""
+    parts = watched(name, find_landmarkers(landmarkers), LandmarkerSettings())
     if not any(part.has_body.any() for part in parts):
         raise BodysenseError(
             f"{name}: no person was found in its {len(parts)} pictures; film one person from the front"
