@@ -233,10 +233,12 @@ def foot_forward(script: Script) -> None:
 
 
 def bow(script: Script) -> None:
-    """Bow with straight legs by 35 to 95°."""
+    """Bow with straight legs by 30 to 115°."""
     draw = script.draw
     begin = script.clock
-    tilt, bend = draw.between(15, 52), draw.between(18, 45)
+    tilt, bend = draw.between(12, 45), draw.between(18, 45)
+    if draw.chance(0.5):  # deep
+        tilt, bend = draw.between(45, 65), draw.between(30, 50)
     down, up = script.duration(0.8, 1.8), script.duration(0.8, 1.8)
     hold = script.duration(0.3, 2.0)
     held = begin + down
