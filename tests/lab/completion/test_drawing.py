@@ -14,7 +14,7 @@ import pytest
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion.data.sequences import Sequence
 from bodysense_lab.completion.training.drawing import Drawing, read_block, write_block
-from bodysense_lab.completion.training.task import packaged_sampler
+from bodysense_lab.completion.training.packaged import packaged_sampler
 from bodysense_lab.core.parallel import prefetched
 
 

@@ -34,12 +34,8 @@ def training(
 
     from bodysense_lab.completion.networks.network import CompletionNetwork
     from bodysense_lab.completion.training.drawing import Drawing
-    from bodysense_lab.completion.training.task import (
-        CompletionTask,
-        CompletionTaskConfig,
-        packaged_corpus,
-        packaged_sampler,
-    )
+    from bodysense_lab.completion.training.packaged import packaged_corpus, packaged_sampler
+    from bodysense_lab.completion.training.task import CompletionTask, CompletionTaskConfig
     from bodysense_lab.core.fit import launch_fabric, take_step
     from bodysense_lab.core.options import Schedule
 

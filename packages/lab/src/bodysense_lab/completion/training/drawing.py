@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, fields
 from multiprocessing import get_context
 from multiprocessing.process import BaseProcess
@@ -41,7 +41,7 @@ class Drawing:
     block: int = BLOCK
     places: int = PLACES
 
-    def sequences(self, seed: int) -> Iterator[Sequence]:
+    def sequences(self, seed: int) -> Generator[Sequence]:
         """Yield sequences without end. The workers end with the iterator, or with this process."""
         shutil.rmtree(self.folder, ignore_errors=True)
         make_folder(self.folder)
@@ -116,11 +116,12 @@ def read_block(path: Path) -> list[Sequence]:
         values = {name: stored[name] for name in stored.files}
     ends = np.cumsum(values.pop("length"))
     rows = {name: part if name in _OF_SEQUENCE else np.split(part, ends[:-1]) for name, part in values.items()}
-    scalars = {"size": float, "interval": float, "usual": bool}
-    return [
-        Sequence(**{name: scalars[name](part[k]) if name in scalars else part[k] for name, part in rows.items()})
-        for k in range(len(ends))
-    ]
+    scalars: dict[str, Callable[[Any], Any]] = {"size": float, "interval": float, "usual": bool}
+    sequences = []
+    for k in range(len(ends)):
+        own: dict[str, Any] = {name: scalars.get(name, np.asarray)(part[k]) for name, part in rows.items()}
+        sequences.append(Sequence(**own))
+    return sequences
 
 
 def _fields() -> list[str]:

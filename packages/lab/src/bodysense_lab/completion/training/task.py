@@ -15,11 +15,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion.data.batches import RawBatch, SequenceBatch, assembled, cut_batch, whole_clips
-from bodysense_lab.completion.data.corpus import Corpus, corpus_of, read_corpus
+from bodysense_lab.completion.data.corpus import Corpus, read_corpus
 from bodysense_lab.completion.data.points import JOINTS
 from bodysense_lab.completion.data.postures.postures import low_share, standing_share
 from bodysense_lab.completion.data.postures.upright import stance_shifts
@@ -170,16 +169,6 @@ def sequence_sampler(corpus: Corpus, backward: bool, rng: np.random.Generator) -
         return draw_sequence(corpus, clip, rng, change_posture, backward, shift)
 
     return draw
-
-
-def packaged_corpus() -> Corpus:
-    """Return a corpus of the packaged performance, for benchmarks and trials without data."""
-    return corpus_of([packaged_performance()])
-
-
-def packaged_sampler(rng: np.random.Generator) -> Callable[[], Sequence]:
-    """Return a function that draws a sequence of the packaged performance."""
-    return sequence_sampler(packaged_corpus(), False, rng)
 
 
 @dataclass(frozen=True)
