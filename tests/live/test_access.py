@@ -21,6 +21,7 @@ from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.send_queue import SendQueue
 from bodysense_live.server.session_slot import OutputSelector, SessionSlot
 from bodysense_live.server.settings import ServerSettings
+from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.session import Session
 
@@ -158,7 +159,7 @@ def test_a_session_is_watched_with_its_token(server_of: Serving, connect: Connec
 
 def test_a_wrong_token_watches_nothing() -> None:
     async def follow() -> str:
-        live = Live(ServerSettings(), Metrics())
+        live = Live(ServerSettings(), Metrics(), Supervisor(lambda failure: None))
         live.start()
         slot = await live.admit(Hello(1, DEVICES), SendQueue(8))
         try:
@@ -175,7 +176,7 @@ def test_a_wrong_token_watches_nothing() -> None:
 @pytest.mark.parametrize("turns", range(4))
 def test_a_server_stops_in_any_turn_of_its_loop_after_a_client_left(turns: int) -> None:
     async def left_and_stopped() -> None:
-        live, queue = Live(ServerSettings(), Metrics()), SendQueue(8)
+        live, queue = Live(ServerSettings(), Metrics(), Supervisor(lambda failure: None)), SendQueue(8)
         live.start()
         slot = await live.admit(Hello(1, DEVICES), queue)
         await asyncio.sleep(0.15)  # until no session must be stored

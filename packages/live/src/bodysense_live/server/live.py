@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import hmac
 import secrets
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from time import monotonic
@@ -30,7 +31,8 @@ from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.scheduler import Scheduler
 from bodysense_live.server.send_queue import SendQueue
 from bodysense_live.server.session_slot import OutputSelector, SessionSlot, WearerFile
-from bodysense_live.server.session_store import SessionStore, StoredSession
+from bodysense_live.server.session_store import SessionKeeper, StoredSession
+from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.recordings import Recordings
 from bodysense_live.sessions.replay import Playable, Player
@@ -50,30 +52,37 @@ class Live:
     Args:
         settings: settings of the server.
         metrics: counters.
+        supervisor: of the tasks; it ends the server if one ends.
         send_body: called with each answer that goes to avatars (`OutputSelector`).
+        stores: where sessions are kept for other processes.
     """
 
     def __init__(
-        self, settings: ServerSettings, metrics: Metrics, send_body: Callable[[Answer], None] | None = None
+        self,
+        settings: ServerSettings,
+        metrics: Metrics,
+        supervisor: Supervisor,
+        send_body: Callable[[Answer], None] | None = None,
+        stores: Sequence[SessionKeeper] = (),
     ) -> None:
         self._settings, self.metrics, self._send_body = settings, metrics, send_body
-        self.limits = settings.limits
-        shared = settings.shared
-        self._store = None if shared is None else SessionStore(shared, self.limits.seconds_to_resume)
+        self.limits, self.supervisor, self._stores = settings.limits, supervisor, tuple(stores)
         self._wearers, self._output_selector = WearerFile(settings.save_person, settings.trackers), OutputSelector()
         self._recordings = Recordings(settings.allow_record, self.limits.recording)
         self._slots: dict[str, SessionSlot] = {}
         self._inputs: dict[Source, SessionSlot] = {}
-        self._tasks: list[asyncio.Task[None]] = []
         self._just_disconnected: set[str] = set()  # session ids of clients that left since the last store
         self._changed = asyncio.Event()  # set if a session must be stored
+        self._output_failed = False  # an error was printed
 
     def start(self) -> None:
         """Start the tasks, in a running event loop."""
         self._loop = asyncio.get_running_loop()
         self._recordings.start()
         self._scheduler: Scheduler[SessionSlot] = Scheduler(self._deliver, self._refuse, self.metrics.stepping.inc)
-        self._tasks = [self._loop.create_task(self._scheduler.run()), self._loop.create_task(self._sweep())]
+        self.supervisor.start(self._scheduler.run())
+        self.supervisor.start(self._sweep())
+        self.supervisor.watch(lambda: self._scheduler.waiting_since)
         if self._settings.playable is not None and self._send_body is not None:
             self._inputs["replay"] = self._add_replay(self._settings.playable, "replay", Settings())
 
@@ -81,12 +90,10 @@ class Live:
         """Close every session and its recording."""
         for slot in list(self._slots.values()):
             self._close(slot)
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self.supervisor.stop()
         await self._recordings.finish()
-        if self._store is not None:
-            await self._store.close()
+        for store in self._stores:
+            await store.close()
 
     @property
     def is_full(self) -> bool:
@@ -203,7 +210,8 @@ class Live:
 
     async def _resume(self, hello: Hello, resume: Resume) -> SessionSlot | None:
         """Return the session that a client had, here or in another process; None if it has expired."""
-        stored = None if self._store is None else await self._store.take(resume)
+        found = await asyncio.gather(*(store.take(resume) for store in self._stores))
+        stored = max((one for one in found if one is not None), key=lambda one: one[0], default=None)
         slot = self._slots.get(resume.session)
         if stored is not None and (slot is None or stored[0] > slot.generation + 1):  # another process owned it later
             if slot is not None:
@@ -242,16 +250,15 @@ class Live:
             if (one.is_driven or one.session_id in self._just_disconnected) and one.source is None
         }
         self._just_disconnected.clear()
-        if self._store is None or not to_store:
+        if not self._stores or not to_store:
             return
-        lost = await self._store.put(
-            {session_id: (slot.generation, slot.store_text()) for session_id, slot in to_store.items()}
-        )
-        if lost is None:
-            self.metrics.store_failures.inc()
-        for session_id in lost or ():
-            if self._slots.get(session_id) is to_store[session_id]:
-                self._close(to_store[session_id], _ELSEWHERE)
+        states = {session_id: (slot.generation, slot.store_text()) for session_id, slot in to_store.items()}
+        for lost in await asyncio.gather(*(store.put(states) for store in self._stores)):
+            if lost is None:
+                self.metrics.store_failures.inc()
+            for session_id in lost or ():
+                if self._slots.get(session_id) is to_store[session_id]:
+                    self._close(to_store[session_id], _ELSEWHERE)
 
     def _add_slot(self, name: str, session: Session, source: Source | None) -> SessionSlot:
         token, watch_token = secrets.token_urlsafe(16), secrets.token_urlsafe(16)
@@ -269,8 +276,16 @@ class Live:
             self.receive(slot, frame)
 
         slot.player = Player(playable, play)
-        slot.player_task = self._loop.create_task(slot.player.run())
+        slot.player_task = self._loop.create_task(self._play(slot, slot.player))
         return slot
+
+    async def _play(self, slot: SessionSlot, player: Player) -> None:
+        """Play until cancelled. If that fails, close the session."""
+        try:
+            await player.run()
+        except Exception:  # other sessions continue
+            traceback.print_exc()
+            self._close(slot, "the server failed to play this replay; connect again")
 
     def _send_messages(self, slot: SessionSlot) -> None:
         """Send a session's new messages to its clients."""
@@ -303,10 +318,21 @@ class Live:
         self._recordings.add(slot, answer)
         is_input = slot in self._inputs.values()
         if self._send_body is not None and self._output_selector.selects(slot, answer, is_input, self._loop.time()):
+            self._send_to_avatars(answer)
+
+    def _send_to_avatars(self, answer: Answer) -> None:
+        """Send a body to avatars. If that fails, the session continues."""
+        assert self._send_body is not None
+        try:
             self._send_body(answer)
+        except Exception:  # of one protocol
+            self.metrics.dropped("output")
+            if not self._output_failed:
+                traceback.print_exc()
+            self._output_failed = True
 
     def _refuse(self, slot: SessionSlot, error: ProtocolError) -> None:
-        """Close the connection of a client that sent a frame with an invalid value."""
+        """Close the connection of a client whose frame is invalid, or whose answer cannot be delivered."""
         for queue in slot.queues:
             if not queue.is_watcher:
                 self.metrics.closed(error.code)

@@ -12,7 +12,6 @@ from bodysense_lab.completion.data.postures.limbs import bend_limb, limb_of
 from bodysense_lab.synthesis.scenes.moves import ease, waves
 from bodysense_lab.synthesis.scenes.script import SIDES, SIGN, ArmPosture, Frame, Script
 
-_STRAIGHT = np.radians(6.0)  # radians; the straightest knee, which no leg exceeds
 _CALM = 0.16  # s, time in which the hips go down ahead of the end of a leg's reach
 _KNEE = 0.055  # m, height of a knee on the floor, of the mean adult
 _REACH = 0.985  # of an arm's length; longest distance from the shoulder to the wrist
@@ -127,7 +126,7 @@ def _turn_trunk(rotation: np.ndarray, values: dict[str, np.ndarray]) -> None:
     head_pitch = chest_pitch + 55.0 * np.tanh(away / 55.0)
     head_roll = 0.3 * chest_roll + values["gaze_roll"]
     for name, share in (("neck", 0.45), ("head", 1.0)):
-        forward = 8.0 if name == "neck" else 0.0
+        forward = 4.0 if name == "neck" else 0.0
         rotation[:, _INDEX[name]] = euler(
             chest_yaw + share * (head_yaw - chest_yaw),
             chest_pitch + share * (head_pitch - chest_pitch) + forward,
@@ -163,7 +162,7 @@ def _hip_height(
     rate: float,
 ) -> np.ndarray:
     """Return the height (T,) m of the middle of the hips: as written, but no higher than both legs reach."""
-    bones = frame.thigh**2 + frame.shin**2 + 2 * frame.thigh * frame.shin * np.cos(_STRAIGHT)
+    bones = frame.thigh**2 + frame.shin**2 + 2 * frame.thigh * frame.shin * np.cos(np.radians(values["straight"]))
     limits = []
     for k in (0, 1):
         hip = middle + from_middle[:, k]
