@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 import urllib.request
 from dataclasses import fields
 from pathlib import Path
@@ -127,13 +128,24 @@ def test_workflows_publish_without_passwords_and_run_what_there_is(path: Path) -
     text = path.read_text()
     jobs = yaml.safe_load(text)["jobs"]
     assert "secrets." not in text
-    publish = jobs["publish"]
-    assert publish["permissions"]["id-token"] == "write" and publish["environment"]
-    assert all("id-token" not in job.get("permissions", {}) for name, job in jobs.items() if name != "publish")
+    signing = {name for name, job in jobs.items() if "id-token" in job.get("permissions", {})}
+    assert signing <= {"publish", "attest"}
+    for name in signing:  # no code of the repository runs beside the proof of who runs it
+        assert not any("checkout" in step.get("uses", "") for step in jobs[name]["steps"])
+    assert "publish" not in jobs or jobs["publish"]["environment"]
     for script in re.findall(r"scripts/\w+\.py", text):
         assert (ROOT / script).is_file()
     for folder in re.findall(r"working-directory: (\S+)", text):
         assert (ROOT / folder / "package.json").is_file()
+
+
+def test_every_supported_python_is_tested_on_a_push() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "tests.yml").read_text())
+    assert "push" in workflow[True]  # YAML's "on"
+    pythons = workflow["jobs"]["fast"]["strategy"]["matrix"]["python"]
+    assert project["requires-python"] == f">={pythons[0]}"
+    assert pythons == [f"3.{minor}" for minor in range(11, 15)]
 
 
 UNIX = {"fcntl", "pwd", "grp", "termios", "tty", "pty", "resource", "syslog"}  # modules that Windows lacks

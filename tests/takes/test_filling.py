@@ -230,7 +230,7 @@ def test_missing_is_for_motions(take: Path, steps: Clip) -> None:
     with pytest.raises(BodysenseError, match="leave --height out"):
         track(take, missing="left_hand", height=1.8)
     recording = bodysense.track(steps, device="three_point")
-    with pytest.raises(BodysenseError, match=r"only a \.bvh file has a rig"):
+    with pytest.raises(BodysenseError, match=r"only a \.bvh or \.fbx file has a rig"):
         recording.save("out.bvh", "source")
     assert replace(recording, source=take).source == take
 

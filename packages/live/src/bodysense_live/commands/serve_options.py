@@ -10,6 +10,7 @@ import tyro
 
 from bodysense.devices.simulated.device import DeviceName
 from bodysense.ranges import Megabytes, Port, Processes, Sessions
+from bodysense_live.protocols.robots.robot_link import RobotFormat
 from bodysense_live.security.safety import RecordingLimits
 
 Addresses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
@@ -99,6 +100,12 @@ class ProgramOptions:
     """receive the headset of Monado or WiVRn, on Linux, and send them trackers and a body"""
     solarxr_port: Port = 21110
     """TCP port of this machine for SlimeVR's own programs; 0 for any free port"""
+    robot: RobotFormat | None = None
+    """publish the body for a humanoid robot: dictionaries for GMR, or SONIC's messages (docs/robots.md)"""
+    robot_host: str = "127.0.0.1"
+    """address of this machine to publish at; 0.0.0.0 for robots on the network"""
+    robot_port: Port = 5556
+    """TCP port to publish at"""
     slimevr: bool = False
     """receive SlimeVR's trackers, which find this machine in the network"""
     slimevr_host: str = "0.0.0.0"

@@ -26,6 +26,7 @@ from bodysense_live.commands.serve_options import (
     WearerOptions,
 )
 from bodysense_live.protocols.datagrams import Receiver
+from bodysense_live.protocols.robots.robot_link import RobotSettings
 from bodysense_live.protocols.slimevr_link import SlimevrSettings, is_serial
 from bodysense_live.protocols.solarxr.solarxr_link import SolarxrSettings, runtime_folder
 from bodysense_live.protocols.steamvr.vmt_link import VmtSettings
@@ -58,13 +59,13 @@ def settings_of(
     to, parts = programs, parts_of(programs.vrchat_trackers)
     check_chosen(to)
     receives = inputs.vmc_in is not None or inputs.markers_in is not None
-    sends = bool(to.vmc_out or to.vrchat_out or to.vrchat or to.vmt or to.solarxr)
+    sends = bool(to.vmc_out or to.vrchat_out or to.vrchat or to.vmt or to.solarxr or to.robot)
     if load.workers > 1 and (receives or sends or to.slimevr):
         raise BodysenseError("--workers: UDP needs a single process; leave --workers out")
     devices, joints = named_of(inputs.device_names, inputs.vmc_in is not None or to.vmt, to.slimevr)
     if access.bridge and not sends:
         raise BodysenseError(
-            "--bridge has nowhere to send to; give --vmc-out, --vrchat-out, --vrchat, --vmt or --solarxr"
+            "--bridge has nowhere to send to; give --vmc-out, --vrchat-out, --vrchat, --vmt, --solarxr or --robot"
         )
     origin = (*access.origin, ANY_ORIGIN) if access.bridge else access.origin
     file = wearer.person
@@ -96,6 +97,7 @@ def settings_of(
         else None,
         vrchat=VrchatSettings(to.vrchat_host, parts=parts) if to.vrchat else None,
         solarxr=SolarxrSettings(runtime_folder(os.environ), to.solarxr_port) if to.solarxr else None,
+        robot=None if to.robot is None else RobotSettings(to.robot, to.robot_host, to.robot_port),
         slimevr=SlimevrSettings(to.slimevr_host, to.slimevr_port, joints) if to.slimevr else None,
     )
 
