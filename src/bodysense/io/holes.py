@@ -22,7 +22,7 @@ _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?:\s*:\s*(?P<first>\d+)\s*-\s*(
 _RANGE = re.compile(r"(\s*:[^:A-Za-z]*\d[^:A-Za-z]*)+$")  # numbers after a colon that are no range
 _BETWEEN = re.compile(r"[^\w:]+")  # between words: blanks, points, dashes …
 _SIDES = ("left", "right")
-# Joints whose numbers are never constant while the body moves. Knees at their stop, toes, fingers and collars may be.
+# Joints whose numbers are never constant while the body moves. Knees at their stop, toes, fingers and collars may rest.
 _RESTLESS = tuple(f"{side}_{part}" for side in _SIDES for part in ("shoulder", "elbow", "hip", "wrist", "ankle"))
 _ENDS = ("wrist", "ankle")  # some rigs never turn these, from the first frame to the last
 _LIMB = ("elbow", "wrist", "knee", "ankle")  # missing together with a shoulder or hip that was never tracked
