@@ -52,14 +52,14 @@ class Twin:
     def _start(self) -> tuple[Memory, PoseState]:
         return first_memory(self.tables), PoseState()
 
-    def step(self, observation: Observation, t: int) -> Completed:
-        """Complete frame t of an observation."""
+    def step(self, observation: Observation, t: int, core: tuple[list[np.ndarray], np.ndarray]) -> Completed:
+        """Complete frame t of an observation; `core`: the states of the core's recurrent layers after it."""
         settings, own, floor = self.settings, self.proportions, self.settings.floor
         interval, fresh = interval_of(settings, float(observation.time[t]), self.time)
         if fresh:  # after a gap forget the motion, but keep the person
             self.base = choose_base(observation, t, floor)
             self.memory, self.pose = self._start()
-        self.time = float(observation.time[t])
+        self.time, self.memory.core = float(observation.time[t]), core
         seen = gather(observation, t, self.base, interval, floor)
         mounts.apply(self.person, seen)
         if settings.infer:

@@ -7,7 +7,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply, quaternion_to_matrix
 from bodysense.io.clip import Clip
-from bodysense_lab.completion.data.postures import KINDS, apply_posture
+from bodysense_lab.completion.data.postures.postures import KINDS, apply_posture
 
 RATE = 30.0
 Standing = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -28,6 +28,15 @@ SensorSetName = Literal[
     "headset_camera",
     "three_point_imu_shoes",
     "three_point_imu_legs",
+    "mocopi_six",
+    "dip_six",
+    "imu_seventeen",
+    "slimevr_five",
+    "slimevr_six",
+    "slimevr_eight",
+    "headset_slimevr_five",
+    "headset_slimevr_six",
+    "headset_slimevr_eight",
 ]
 DeviceName = SensorSetName | Literal["gloves", "gloves_imu"]
 _GLOVE_NOISE = 0.0005  # m along each axis, noise of markers in optical capture

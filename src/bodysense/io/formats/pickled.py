@@ -8,7 +8,7 @@ Sizes of arrays are compared with the bytes that are there, and objects that con
 from __future__ import annotations
 
 import io
-import pickle
+import pickle  # noqa: TID251 - its opcodes; every name is looked up below
 import zipfile
 import zlib
 from collections.abc import Callable, Mapping

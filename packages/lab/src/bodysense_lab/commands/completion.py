@@ -30,9 +30,11 @@ from bodysense_lab.completion.training.options import (
     EvaluationWork,
     FingerTraining,
     JoiningTraining,
+    KindsScope,
 )
 from bodysense_lab.core.options import Data, Flat, Json, Table, TableOptions
 
+_PAIRS = 4  # pairs that a process scores at a time
 SceneSetName = Literal[
     "head",
     "three_point",
@@ -63,7 +65,12 @@ def completion(run: Flat[CompletionTraining]) -> None:
     if not fabric.is_global_zero:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
-    card |= {"backward": run.backward, "seed": run.schedule.seed, "steps": run.schedule.steps}
+    card |= {
+        "reads_unplaced_head": True,
+        "backward": run.backward,
+        "seed": run.schedule.seed,
+        "steps": run.schedule.steps,
+    }
     body = round_network(body.eval(), run.data, run.limit, run.backward)
     publish(body, fingers.eval(), run.data, run.out, card, run.limit, run.backward)
     print(f"wrote {run.out}")
@@ -111,7 +118,7 @@ def completion_table(
 ) -> None:
     """Score the tracker on any sensors and proportions: errors, motion, feet, confidence, lattice of sensors."""
     from bodysense.cli.show import wide_console, write_numbers
-    from bodysense_lab.completion.score.baselines import cached_mean_body
+    from bodysense_lab.completion.score.baselines import cached_mean_body, count_of_split
     from bodysense_lab.completion.score.clip_results import ClipResults
     from bodysense_lab.completion.score.reliability import draw_reliability
     from bodysense_lab.completion.score.scoring import evaluate_completion, work_of
@@ -145,8 +152,8 @@ def completion_table(
     )
     census = sum(map(census_of, clips), start=Census())
     mean_body = None
-    if "headset_camera" in scope.sets:
-        with progress_bar("averaging bodies") as advance:
+    if "headset_camera" in scope.sets and scope.mean_body:
+        with progress_bar("averaging bodies", count_of_split(data.path, "train")) as advance:
             mean_body = cached_mean_body(data.path, advance)
     with progress_bar("scored", work_of(len(clips), settings)) as advance:
         table = evaluate_completion(
@@ -173,6 +180,39 @@ def completion_table(
         draw_worst(files.sheet, table.worst, clips, settings, track, files.worst, files.worst_by)
     for path in filter(None, (files.json, files.csv, files.picture, files.sheet)):
         console.print(f"wrote {path}", highlight=False)
+
+
+def kinds(scope: Flat[KindsScope]) -> None:
+    """Score kinds of signals: named and random sets, each without its head, its rotations or its positions.
+
+    Random pairs of a set and the same set with one more sensor show whether a sensor ever makes the body worse.
+    """
+    from bodysense_lab.completion.kinds.kind_scores import kind_jobs, kind_report, score_all
+    from bodysense_lab.completion.kinds.lattice import random_edges
+    from bodysense_lab.completion.kinds.lattice_scores import FRAMES, choose_scenes, score_lattice
+    from bodysense_lab.completion.score.scenes import scene_of
+    from bodysense_lab.completion.score.tracking import PeopleTracker
+    from bodysense_lab.core.parallel import parallel_map
+    from bodysense_lab.core.scoring import RATE
+    from bodysense_lab.data.clips import open_clips
+    from bodysense_lab.data.datasets import open_data_set
+
+    check_places(scope.json)
+    track = PeopleTracker(scope.model)
+    _ = track.network  # refuse other files before any work
+    data = open_data_set(scope.data, scope.split)
+    long = [clip for clip in open_clips(data.path, scope.split) if clip.seconds >= FRAMES / RATE]
+    chosen = choose_scenes([scene_of(clip, "stranger", scope.split) for clip in long], scope.clips)
+    jobs, edges = kind_jobs(scope.members), random_edges(scope.pairs)
+    share = partial(parallel_map, jobs=scope.jobs or os.cpu_count() or 1)
+    with progress_bar("scored", len(jobs) + len(edges)) as advance:
+        scores = score_all(jobs, chosen, track, share, advance)
+        groups = [edges[first : first + _PAIRS] for first in range(0, len(edges), _PAIRS)]
+        pairs = []
+        for group, found in share(partial(score_lattice, scenes=chosen, track=track), groups):
+            pairs.extend(found)
+            advance("pairs", len(group))
+    show(kind_report(scores, pairs, f"{data.name}, {scope.split}", len(chosen)), scope.json)
 
 
 def amass_p1(
@@ -261,10 +301,10 @@ def scenes(
         jobs: processes; one for each core if omitted.
     """
     from bodysense.cli.show import wide_console, write_numbers
+    from bodysense_lab.completion.score.scripted.scene_scoring import SETS, SceneWork, scene_jobs, score_headsets
+    from bodysense_lab.completion.score.scripted.scene_strips import draw_strips
+    from bodysense_lab.completion.score.scripted.scene_tables import merge_scores, scene_numbers, scene_reports
     from bodysense_lab.completion.score.tracking import PeopleTracker
-    from bodysense_lab.completion.scripted.scene_scoring import SETS, SceneWork, scene_jobs, score_headsets
-    from bodysense_lab.completion.scripted.scene_strips import draw_strips
-    from bodysense_lab.completion.scripted.scene_tables import merge_scores, scene_numbers, scene_reports
     from bodysense_lab.core.parallel import parallel_map
     from bodysense_lab.synthesis.scenes import KINDS
 

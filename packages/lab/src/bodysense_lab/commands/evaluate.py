@@ -11,6 +11,7 @@ def commands() -> SubcommandApp:
     """Return the group's commands."""
     group = SubcommandApp()
     group.command(name="completion")(completion.completion_table)
+    group.command(completion.kinds)
     group.command(completion.amass_p1)
     group.command(completion.sight)
     group.command(completion.scenes)

@@ -42,6 +42,7 @@ def track(
     noise: bool = False,
     seed: Seed = 1,
     calibration: Path | None = None,
+    landmarkers: Path | None = None,
     gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
     reading: Reading = AS_FOUND,
 ) -> None:
@@ -53,12 +54,14 @@ def track(
         method: 'unoc': body and fingers from a headset's cameras. 'hmd_vae': body from head and wrists. 'pahmt': arms
             and hands of a video. 'two_hands': hands from markers of gloves. 'completion': the tracker of
             `bodysense track`.
-        variant: of 'hmd_vae' the model, 0 to 4; of 'pahmt' cnn, ahmt or pahmt; of 'two_hands' paper or shipped.
+        variant: of 'hmd_vae' the model, 0 to 4; of 'pahmt' cnn, ahmt or pahmt; of 'two_hands' and 'unoc' paper or
+            shipped.
         networks: network file that `bodysense train` wrote, for 'two_hands' a folder; the packaged one if omitted.
         device: simulated device that tracks a motion; the paper's own if omitted.
         noise: simulate errors of a real device.
         seed: random seed of the noise.
         calibration: flat-hand calibration, for 'two_hands', from `bodysense papers calibrate-hands`.
+        landmarkers: folder of MediaPipe's landmarkers, for 'pahmt' on a video; downloaded if omitted.
         reading: properties that the file does not contain; --height is the wearer's.
     """
     from dataclasses import replace
@@ -70,8 +73,10 @@ def track(
     check_motion(out)
     if calibration is not None and method != "two_hands":
         raise BodysenseError(f"--calibration {calibration}: for --method two_hands, not for {method}; leave it out")
+    if landmarkers is not None and method != "pahmt":
+        raise BodysenseError(f"--landmarkers {landmarkers}: for --method pahmt, not for {method}; leave it out")
     opened, height = _opened(source, gloves, reading)
-    options = PaperOptions(networks, variant, device, seed if noise else None, height, calibration)
+    options = PaperOptions(networks, variant, device, seed if noise else None, height, calibration, landmarkers)
     begun = time.perf_counter()
     clip = SYSTEMS[method](opened, options)
     rate = len(clip) / (time.perf_counter() - begun)

@@ -15,10 +15,13 @@ from bodysense_lab.completion.data.corpus import Corpus, read_corpus
 from bodysense_lab.completion.networks.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.networks.network import CompletionNetwork
 from bodysense_lab.completion.score.finger_errors import finger_validation
+from bodysense_lab.completion.training.drawing import Drawing
+from bodysense_lab.completion.training.losses import Losses
 from bodysense_lab.completion.training.options import FINGER_SCHEDULE, CompletionTraining, FingerTraining
 from bodysense_lab.completion.training.task import (
     CompletionTask,
     CompletionTaskConfig,
+    CorpusSampler,
     FingerTask,
     FingerTaskConfig,
     validation_batches,
@@ -40,12 +43,27 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
     if options.finger_steps and not len(train.with_fingers):
         raise BodysenseError(f"{options.data}: no training clip has fingers that move; give --finger-steps 0")
     fabric.print(f"{train.minutes:.0f} minutes of motion to train on, {val.minutes:.0f} to validate")
-    config = CompletionTaskConfig(backward=options.backward)
+    config = CompletionTaskConfig(
+        backward=options.backward, streams=options.streams, losses=Losses(stay=options.stay_close)
+    )
     network = CompletionNetwork(config.network)
     initial = network.state_dict() if options.begin_with is None else _weights(options.begin_with, network)
+    initial = {name: value.clone() for name, value in initial.items()}
     network.load_state_dict(initial)
+    teacher = None
+    if options.stay_close:
+        teacher = CompletionNetwork(config.network).eval().requires_grad_(False)
+        teacher.load_state_dict(initial)
+        fabric.to_device(teacher)
     validation = validation_batches(val, _VALIDATION_STRIDE, options.backward)
-    task = CompletionTask(network, config, options.schedule, train, validation, options.trial_settings or None)
+    source = options.trial_settings or None
+    drawing = None
+    if options.draw_processes:
+        sampler = CorpusSampler(options.data, options.limit, options.backward)
+        drawing = Drawing(sampler, options.folder / "ring", options.draw_processes, options.plays)
+    task = CompletionTask(
+        network, config, options.schedule, train, validation, source, drawing=drawing, teacher=teacher
+    )
     fit(task, options.folder / "completion.ckpt", fabric=fabric)
     network = network.cpu()
     if options.keep:

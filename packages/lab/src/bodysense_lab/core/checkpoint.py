@@ -48,26 +48,29 @@ def save_checkpoint(
     optimizer: torch.optim.Optimizer,
     average: AveragedModel,
     best: dict[str, Any] | None = None,
+    seconds: float = 0.0,
 ) -> None:
     """Write a checkpoint of the run with identity `run`. The file is complete or not written.
 
-    `best` has the best weights so far, if the run keeps them.
+    `best` has the best weights so far, if the run keeps them. `seconds` is the time that the run took so far.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     state = {"network": network.state_dict(), "optimizer": optimizer.state_dict(), "average": average.state_dict()}
     with written_beside(path) as beside:
-        torch.save({"identity": run, "step": step, "best": best, **state}, beside)
+        torch.save({"identity": run, "step": step, "seconds": seconds, "best": best, **state}, beside)
 
 
 def load_checkpoint(
     path: Path, run: str, network: nn.Module, optimizer: torch.optim.Optimizer, average: AveragedModel
-) -> tuple[int, dict[str, Any] | None]:
-    """Restore the run with identity `run`, and return its step and its `best` so far; (0, None) without a checkpoint.
+) -> tuple[int, dict[str, Any] | None, float]:
+    """Restore the run with identity `run`, and return its step, its `best` so far and its time in seconds.
+
+    They are (0, None, 0) without a checkpoint.
 
     Raises BodysenseError if the checkpoint belongs to a run with another identity.
     """
     if not path.exists():
-        return 0, None
+        return 0, None, 0.0
     saved = _read(path)
     if saved.get("identity") != run:
         raise BodysenseError(
@@ -77,7 +80,7 @@ def load_checkpoint(
     network.load_state_dict(saved["network"])
     optimizer.load_state_dict(saved["optimizer"])
     average.load_state_dict(saved["average"])
-    return int(saved["step"]), saved["best"]
+    return int(saved["step"]), saved["best"], float(saved.get("seconds", 0.0))
 
 
 def best_weights(path: Path, network: nn.Module) -> dict[str, Tensor]:

@@ -24,10 +24,12 @@ from torch import Tensor, nn
 from torch.optim import AdamW, Optimizer
 from torch.optim.swa_utils import AveragedModel
 
+from bodysense.errors import BodysenseError
 from bodysense_lab.core.checkpoint import identity, load_checkpoint, save_checkpoint
 from bodysense_lab.core.options import Run
 from bodysense_lab.core.precision import layer_precision
 
+MOST_STEPS = 10**9  # steps of a run whose time is limited instead
 _PACE = (5.0, 600.0)  # s from the start to the first report of the pace; longest time between two reports
 
 
@@ -77,9 +79,9 @@ class Task:
         decay = getattr(self.schedule, "weight_decay", 0.0)
         return AdamW(learned, lr=self.schedule.learning_rate, weight_decay=decay)
 
-    def rate(self, step: int) -> float:
-        """Return the learning rate of a step."""
-        return rate_at(self.schedule, step, self.steps)
+    def rate(self, step: int, steps: int | None = None) -> float:
+        """Return the learning rate of a step of `steps` (None: those of the schedule)."""
+        return rate_at(self.schedule, step, steps or self.steps)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[Any]:
         """Yield batches from step `done` on; a resumed run draws new ones."""
@@ -140,8 +142,8 @@ def fit(
     decay = partial(moving_average, decay=schedule.average_decay)
     average = AveragedModel(network, avg_fn=decay, use_buffers=True)
     average.module.eval()
-    run, steps = task.identity(), task.steps
-    done, kept = load_checkpoint(checkpoint, run, network, optimizer, average)
+    run = task.identity()
+    done, kept, spent = load_checkpoint(checkpoint, run, network, optimizer, average)
     best = kept or {"score": math.inf, "step": 0, "since": 0, "factor": 1.0, "weights": network.state_dict()}
     batches = task.batches(np.random.default_rng([schedule.seed, done, fabric.global_rank]), done)
     begun, memory, machine = time.monotonic(), None, describe_machine(fabric, task.mixed)
@@ -152,12 +154,17 @@ def fit(
         mean = {name: float(np.mean([row[name] for row in recent])) for name in (recent[0] if recent else ())}
         return Progress(step, steps, seconds, mean, figures, (step - done) / seconds if recent else 0.0, machine)
 
+    length = _RunLength(task.steps, getattr(schedule, "minutes", None), begun - spent, fabric)
+    steps = length.steps_at(done)
     if fabric.is_global_zero and done < steps and pace is not None:
         pace(progress(done, {}))
     due = _pace_is_due(begun)
-    for step, batch in zip(range(done + 1, steps + 1), batches, strict=False):
+    for step, batch in zip(range(done + 1, MOST_STEPS), batches, strict=False):
+        if step > steps:
+            break
+        steps = length.steps_at(step)
         for group in optimizer.param_groups:
-            group["lr"] = task.rate(step) * best.get("factor", 1.0)
+            group["lr"] = task.rate(step, steps) * best.get("factor", 1.0)
         torch.manual_seed(schedule.seed * 1_000_003 + step)  # of dropout, so that resumed and other runs are equal
         terms, memory = take_step(task, optimizer, batch, memory, fabric)
         average.update_parameters(network)
@@ -170,7 +177,8 @@ def fit(
             now = progress(step, figures)
             recent.clear()
             if fabric.is_global_zero:
-                save_checkpoint(checkpoint, run, step, network, optimizer, average, best if task.keeps_best else None)
+                kept = best if task.keeps_best else None
+                save_checkpoint(checkpoint, run, step, network, optimizer, average, kept, length.seconds)
                 with checkpoint.with_suffix(".jsonl").open("a", encoding="utf-8") as file:
                     file.write(json.dumps(vars(now)) + "\n")
                 report(now)
@@ -194,6 +202,32 @@ def take_step(
         nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
     optimizer.step()
     return terms, memory
+
+
+@dataclass(frozen=True)
+class _RunLength:
+    """Number of steps of a run: given, or estimated from the pace so far if its time is limited instead."""
+
+    steps: int
+    minutes: float | None
+    begun: float  # s, when the run would have begun without interruption, by the clock of `time.monotonic`
+    fabric: Fabric
+
+    @property
+    def seconds(self) -> float:
+        """Time of the run so far, without interruptions."""
+        return time.monotonic() - self.begun
+
+    def steps_at(self, step: int) -> int:
+        """Return the number of steps of the whole run, as known when `step` begins. It is `step` in the last one."""
+        if self.minutes is None:
+            return self.steps
+        share = self.seconds / (60 * self.minutes)
+        if self.fabric.world_size > 1:  # all processes stop together
+            share = float(self.fabric.broadcast(share))
+        if share >= 1:
+            return step
+        return max(step + 1, math.ceil(step / share)) if step and share > 0 else MOST_STEPS
 
 
 def _pace_is_due(begun: float) -> Iterator[bool]:
@@ -232,16 +266,21 @@ def process_seed(seed: int, rank: int) -> int:
     return seed + 1_000_003 * rank
 
 
-def launch_fabric(devices: int = 1, nodes: int = 1) -> Fabric:
-    """Return Fabric, launched on the devices of this process; all processes of a run share one folder."""
-    fabric = Fabric(accelerator="auto", devices=devices, num_nodes=nodes, precision="32-true")
+def launch_fabric(devices: int = 1, nodes: int = 1, device: str = "auto") -> Fabric:
+    """Return Fabric, launched on the devices of this process; all processes of a run share one folder.
+
+    Raises BodysenseError if `device` is `cuda` and there is none.
+    """
+    if device == "cuda" and not torch.cuda.is_available():
+        raise BodysenseError("--device cuda: PyTorch finds no such device; give --device cpu, or leave it out")
+    fabric = Fabric(accelerator=device, devices=devices, num_nodes=nodes, precision="32-true")
     fabric.launch()
     return fabric
 
 
 def announce_run(run: Run, task: type[Task]) -> Fabric:
     """Launch Fabric for a run and print its device and precision, before data is read."""
-    fabric = launch_fabric(run.devices, run.nodes)
+    fabric = launch_fabric(run.devices, run.nodes, run.device)
     fabric.print(f"training on {describe_machine(fabric, task.mixed)}", flush=True)
     return fabric
 

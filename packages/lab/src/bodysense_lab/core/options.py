@@ -15,6 +15,7 @@ from bodysense.ranges import Count, Processes, Seed, within
 Split = Literal["train", "val", "test", "all"]
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 Rate = Annotated[float, within(float, 1, 200)]  # Hz, of frames that clients send
+Minutes = Annotated[float, within(float, 0.01, 100_000)]
 Seconds = Annotated[float, within(float, 0.1, 86_400)]
 T = TypeVar("T")
 Flat = Annotated[T, tyro.conf.arg(name="")]  # the fields of a dataclass are the options of the command
@@ -33,6 +34,8 @@ class Schedule:
 
     steps: Count = MethodDefault(9000)
     """optimiser steps"""
+    minutes: Minutes | None = None
+    """time for all steps, in all sessions together, instead of STEPS; the learning rate falls with it"""
     learning_rate: float = 1e-3
     """highest learning rate"""
     warm_up: int = 100
@@ -59,6 +62,8 @@ class Run:
     """number of clips of each split for a trial, spread evenly; all if omitted. A trial has 4 steps without --steps"""
     threads: Processes | None = None
     """PyTorch threads; its own choice if omitted"""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """kind of the devices that train; an accelerator if there is one, if omitted"""
     devices: Processes = 1
     """accelerators that share the training, or processes on a machine without them"""
     nodes: Processes = 1

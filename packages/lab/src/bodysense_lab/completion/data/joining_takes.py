@@ -25,8 +25,8 @@ from bodysense.takes.joining_network import PassPair, expected_log_errors, featu
 from bodysense.takes.two_way import TwoWayTracker
 from bodysense.tracking.tracker import TrackerSettings
 from bodysense_lab.completion.data.blinks import lose_hands
+from bodysense_lab.completion.data.postures.straight_legs import straightened_pose
 from bodysense_lab.completion.data.sensor_draws import spans
-from bodysense_lab.completion.data.straight_legs import straightened_pose
 from bodysense_lab.completion.kinds.lattice import Edge, random_edges
 from bodysense_lab.completion.score.scenes import TrackedScene, body_split
 from bodysense_lab.core.scoring import RATE

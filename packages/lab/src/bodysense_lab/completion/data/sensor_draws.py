@@ -19,18 +19,20 @@ from bodysense_lab.completion.data.points import (
     KNUCKLES,
     SIDES,
 )
+from bodysense_lab.completion.data.signal_kinds import TRAINING_SIGNALS, draw_signal, signal_masks
 
 HEAD, WRISTS = "head", ("left_wrist", "right_wrist")
 # Shares of the kinds of sequences.
 KINDS = {
-    "three_point": 0.27,
-    "head": 0.08,
-    "trackers": 0.14,  # head, hands and worn trackers
-    "imus": 0.15,  # head, hands and sensors with rotation only
-    "camera": 0.21,  # points that a headset's cameras see
-    "mixed": 0.08,  # head, mostly hands, and a few parts on one or both sides, with sensors of different kinds
-    "random": 0.04,  # any subset of points, each with a position, a rotation or both
-    "headless": 0.03,  # recordings with holes, positions only, worn trackers without a headset
+    "three_point": 0.21,
+    "head": 0.065,
+    "trackers": 0.11,  # head, hands and worn trackers
+    "imus": 0.12,  # head, hands and sensors with rotation only
+    "camera": 0.165,  # points that a headset's cameras see
+    "mixed": 0.06,  # head, mostly hands, and a few parts on one or both sides, with sensors of different kinds
+    "random": 0.03,  # any subset of points, each with a position, a rotation or both
+    "headless": 0.02,  # recordings with holes, positions only, worn trackers without a headset
+    "any": 0.22,  # any kind of signal (`signal_kinds`), with or without a head
 }
 FINGER_KINDS = {
     "nothing": 0.40,  # controllers or no hands: fingers are synthesised
@@ -41,6 +43,10 @@ FINGER_KINDS = {
 _GAPS = 0.4  # share of sequences with hands in which `lost_hand` hides hands at times
 _ONE_HAND, _NO_ROTATION = 0.12, 0.04  # shares of three-point sequences: with one hand, with hands without rotation
 _CHANGES = 0.2  # share of sequences with other sensors in which sensors are lost at times
+_PART_OF_HEAD, _NO_PLACE = 0.08, 0.7  # shares: headsets without position or rotation; those without position
+_HEADSET_LOST = 0.06  # share of headsets that are lost at times
+_LOST_PARTS = ((True, False), (True, True), (False, True))  # position and rotation that such headsets lose
+_LOST_SHARES = (0.5, 0.35, 0.15)  # of `_LOST_PARTS`
 _ACCELERATION_SHARE = 0.8  # share of sequences whose sensors with rotation only have accelerations
 _PAIRS = ("ankle", "knee", "elbow", "hip", "shoulder", "foot")
 _IMU_JOINTS = ("knee", "ankle", "hip", "elbow", "shoulder")
@@ -54,11 +60,7 @@ class SensorMasks:
     has_position: np.ndarray  # (T, 27) bool
     has_rotation: np.ndarray  # (T, 22) bool
     has_acceleration: np.ndarray  # (T, 12) bool, of `ACCELERATION_POINTS`
-
-    @property
-    def head_known(self) -> np.ndarray:
-        """Frames (T,), bool, in which position and rotation of the head are tracked."""
-        return self.has_position[:, INPUT_POINTS.index(HEAD)] & self.has_rotation[:, BODY.index(HEAD)]
+    usual: bool = False  # the head has its whole pose, or the sensors are those of a recording or a usual set
 
 
 def fixed_sensors(sensors: SensorSet, visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
@@ -67,7 +69,8 @@ def fixed_sensors(sensors: SensorSet, visible: np.ndarray, interval: float, rng:
     position, rotation = np.isin(INPUT_POINTS, sensors.position), np.isin(BODY, sensors.rotation)
     has_position = (visible | position) if sensors.camera else np.tile(position, (len(visible), 1))
     has_rotation = np.tile(rotation, (len(visible), 1))
-    return SensorMasks(has_position, has_rotation, rotation_only(has_position, has_rotation))
+    has_acceleration = rotation_only(has_position, has_rotation) & sensors.acceleration
+    return SensorMasks(has_position, has_rotation, has_acceleration, usual=True)
 
 
 def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
@@ -83,7 +86,7 @@ def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator)
             rotation[BODY.index(name)] = True
 
     add(HEAD)
-    if kind not in ("head", "headless", "random") and not (kind == "mixed" and rng.uniform() < 0.2):
+    if kind not in ("head", "headless", "random", "any") and not (kind == "mixed" and rng.uniform() < 0.2):
         for wrist in WRISTS:
             add(wrist)
     if kind == "three_point" and rng.uniform() < _ONE_HAND:
@@ -103,6 +106,10 @@ def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator)
                 add(name, str(rng.choice(_SENSOR_KINDS)))
     if kind == "headless":
         _headless(position, rotation, add, rng)
+    acceleration = rng.uniform() < _ACCELERATION_SHARE
+    if kind == "any":
+        sensors = draw_signal(rng, TRAINING_SIGNALS)
+        (position, rotation), acceleration = signal_masks(sensors), sensors.acceleration
     has_position, has_rotation = np.tile(position, (frames, 1)), np.tile(rotation, (frames, 1))
     if kind == "camera":
         has_position, has_rotation = _camera_masks(visible)
@@ -115,17 +122,34 @@ def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator)
     if kind not in ("three_point", "head", "camera") and rng.uniform() < _CHANGES:
         for name in INPUT_POINTS:
             lost = spans(frames, interval, rng, 3.0, longest=8.0)
-            if name == HEAD and (kind != "headless" or rng.uniform() < 0.7):
+            if name == HEAD and (kind not in ("headless", "any") or rng.uniform() < 0.7):
                 continue
             has_position[lost, INPUT_POINTS.index(name)] = False
             if name in BODY:
                 has_rotation[lost, BODY.index(name)] = False
-    if rng.uniform() < 0.03:  # a headset that loses tracking for a moment
-        lost = spans(frames, interval, rng, 4.0, longest=1.0)
-        has_position[lost, INPUT_POINTS.index(HEAD)] = False
-        has_rotation[lost, BODY.index(HEAD)] = False
-    has_acceleration = rotation_only(has_position, has_rotation) & (rng.uniform() < _ACCELERATION_SHARE)
-    return SensorMasks(has_position, has_rotation, has_acceleration)
+    usual = kind != "any"
+    if usual and kind != "headless":
+        usual = not _lose_head(has_position, has_rotation, interval, rng)
+    has_acceleration = rotation_only(has_position, has_rotation) & acceleration
+    return SensorMasks(has_position, has_rotation, has_acceleration, usual)
+
+
+def _lose_head(has_position: np.ndarray, has_rotation: np.ndarray, interval: float, rng: np.random.Generator) -> bool:
+    """Remove the head's position, its rotation or both, always or at times. Return whether anything was removed."""
+    place, turn, drawn = INPUT_POINTS.index(HEAD), BODY.index(HEAD), rng.uniform()
+    if drawn < _PART_OF_HEAD:
+        if rng.uniform() < _NO_PLACE:
+            has_position[:, place] = False
+        else:
+            has_rotation[:, turn] = False
+        return True
+    if drawn < _PART_OF_HEAD + _HEADSET_LOST:
+        lost = spans(len(has_position), interval, rng, 4.0, longest=3.0)
+        loses_position, loses_rotation = _LOST_PARTS[int(rng.choice(len(_LOST_PARTS), p=_LOST_SHARES))]
+        has_position[lost & loses_position, place] = False
+        has_rotation[lost & loses_rotation, turn] = False
+        return bool(lost.any())
+    return False
 
 
 def rotation_only(has_position: np.ndarray, has_rotation: np.ndarray) -> np.ndarray:

@@ -48,7 +48,9 @@ from bodysense_lab.completion.data.points import (
     path_from_head,
     stature,
 )
-from bodysense_lab.completion.data.postures import apply_posture, draw_kind
+from bodysense_lab.completion.data.postures.postures import NEW_KINDS, apply_posture, draw_kind
+from bodysense_lab.completion.data.postures.straight_legs import straightened
+from bodysense_lab.completion.data.postures.upright import set_upright
 from bodysense_lab.completion.data.sensor_draws import (
     FINGER_KINDS,
     SensorMasks,
@@ -57,8 +59,8 @@ from bodysense_lab.completion.data.sensor_draws import (
     fixed_sensors,
 )
 from bodysense_lab.completion.data.smooth_noise import smooth_noise
-from bodysense_lab.completion.data.straight_legs import straightened
 from bodysense_lab.completion.data.training_bodies import TrainingBody, draw_body, with_other_hands
+from bodysense_lab.synthesis import scenes
 
 _PLACES = body_indices()
 _PARENTS = bone_parents()
@@ -69,6 +71,9 @@ _KNUCKLES = [
 ]
 _SOLES = [BODY_POINTS.index(f"{side}_{part}") for side in SIDES for part in ("ankle", "foot", "toe")]
 _CONTACT = [BODY.index(name) for name in CONTACT]
+PELVIS = BODY.index("pelvis")
+_LINES = [[BODY.index(f"{side}_{part}") for side in SIDES] for part in ("hip", "shoulder", "ankle")]
+_SHORTEST_LINE = 0.1  # m; shorter lines from right to left points give no heading, as in the core
 _MIRROR, _MIRROR_65 = partners(BODY), default_skeleton().mirror
 # Contact of a foot: largest height over rest, largest speed, and half the window of the speed. Standing feet
 # in the CMU recordings slide at 0.13 m/s.
@@ -80,6 +85,9 @@ _MOVING_ANGLE = np.radians([25.0, 10.0, 25.0])
 _ANGLE_LIMIT = np.radians([100.0, 25.0, 60.0])
 LONGEST, LONGEST_POSTURE = 15.0, 30.0  # s, longest sequence, and longest one in a posture
 _STRAIGHTENED = 0.3  # share of sequences whose standing legs are straightened
+_SCENE_SECONDS = (8.0, 15.0)  # s, from and to
+_UPRIGHT = 0.3  # share of sequences whose stance is upright
+_RATES, _ALL_RATES = (22.0, 60.0), (10.0, 144.0)  # Hz, of most and of some sequences
 _FREE_WRISTS = 0.45  # share of sequences whose wrists turn freely
 _STRAPPED_ALONG = (0.3, 0.95)  # position of a strapped sensor along its bone, from and to
 _ACCELERATION_NOISE = (0.03, 0.5)  # m/s², standard deviation, from and to, log-uniform
@@ -105,6 +113,7 @@ class Sequence:
     size: float  # known stature divided by the reference stature
     interval: float  # s
     hands: TrainingHands | None = None  # None: not used
+    usual: bool = True  # sensors, posture and stance are such as earlier networks were trained on
 
     def __len__(self) -> int:
         return len(self.contact)
@@ -128,6 +137,7 @@ class SequenceAugmentation:
     free_wrists: bool = False  # wrists turn freely
     posture: str | None = None  # of `postures.KINDS`; None: as recorded
     straightening: float = 0.0  # share by which standing legs are straightened; 1: fully
+    stance_shift: float = 0.0  # m by which the pelvis of a standing body moves forward (`upright`)
     noisy: bool = False
     backward: bool = False  # time runs backward
     fingers: DrawFingers | None = None  # None: hands are left out
@@ -136,18 +146,24 @@ class SequenceAugmentation:
 
 
 def draw_sequence(
-    corpus: Corpus, clip: int, rng: np.random.Generator, change_posture: bool = False, backward: bool = False
+    corpus: Corpus,
+    clip: int,
+    rng: np.random.Generator,
+    change_posture: bool = False,
+    backward: bool = False,
+    stance_shift: float = 0.0,
 ) -> Sequence:
     """Draw an augmentation of a clip of the corpus, and make its sequence.
 
-    With `change_posture`, a standing person takes a rare posture. `backward` reverses time.
+    With `change_posture`, a standing person takes a rare posture. `backward` reverses time. `stance_shift`, m, is that
+    of an upright person (`upright.stance_shifts`). It is applied to some sequences, more or less.
     """
     posture = draw_kind(rng) if change_posture else None
     longest = LONGEST if posture is None else LONGEST_POSTURE
     seconds = float(corpus.length[clip] / corpus.rate[clip])
     drawn = SequenceAugmentation(
         body=draw_body(corpus.rest_offset[clip].astype(float), rng),
-        rate=30.0 if rng.uniform() < 0.5 else float(np.exp(rng.uniform(np.log(22), np.log(60)))),
+        rate=_draw_rate(rng),
         pace=float(np.exp(rng.uniform(-0.2, 0.2))) if rng.uniform() < 0.5 else 1.0,
         begin=max(0.0, float(rng.uniform(-longest / 2, seconds - longest / 2))),
         longest=longest,
@@ -155,10 +171,48 @@ def draw_sequence(
         free_wrists=bool(rng.uniform() < _FREE_WRISTS),
         posture=posture,
         straightening=float(rng.uniform(0.3, 1.0)) if rng.uniform() < _STRAIGHTENED else 0.0,
+        stance_shift=stance_shift * float(rng.uniform(0.5, 1.1)) if rng.uniform() < _UPRIGHT else 0.0,
         noisy=bool(rng.uniform() < 0.6),
         backward=backward,
     )
     return make_sequence(corpus, clip, drawn, rng)
+
+
+def draw_scene(rng: np.random.Generator, backward: bool = False) -> Sequence:
+    """Draw a scripted scene of a person at home, and make its sequence. `backward` reverses time."""
+    rate = _draw_rate(rng)
+    scene = scenes.sequence(rng, round(rng.uniform(*_SCENE_SECONDS) * rate), rate)
+    rotation, offset = scene.rotation, scene.rest_offset.astype(float)
+    corpus = Corpus(
+        rotation=rotation.astype(np.float32),
+        root=scene.root.astype(np.float32),
+        visible=_visible_points(rotation, scene.root, offset),
+        fingers=np.zeros((0, 30, 4), dtype=np.float32),
+        rest_offset=offset[None].astype(np.float32),
+        start=np.array([0]),
+        length=np.array([len(rotation)]),
+        rate=np.array([rate]),
+        finger_start=np.array([-1]),
+        name=np.array(["scene/" + "+".join(scene.kinds)]),
+        category=np.array([""]),
+    )
+    drawn = SequenceAugmentation(
+        body=draw_body(offset, rng),
+        rate=rate,
+        mirrored=bool(rng.uniform() < 0.5),
+        free_wrists=bool(rng.uniform() < _FREE_WRISTS),
+        noisy=bool(rng.uniform() < 0.6),
+        backward=backward,
+    )
+    return replace(make_sequence(corpus, 0, drawn, rng), usual=False)
+
+
+def _draw_rate(rng: np.random.Generator) -> float:
+    """Draw a frame rate, Hz: mostly the usual one, at times any that devices have."""
+    if rng.uniform() < 0.5:
+        return 30.0
+    rates = _RATES if rng.uniform() < 0.8 else _ALL_RATES
+    return float(np.exp(rng.uniform(*np.log(rates))))
 
 
 def draw_hands(corpus: Corpus, clip: int, rng: np.random.Generator, generated: np.ndarray | None = None) -> Sequence:
@@ -195,6 +249,12 @@ def make_sequence(corpus: Corpus, clip: int, augmentation: SequenceAugmentation,
     if augmentation.posture is not None:
         rotation, root = apply_posture(rotation, root, own, augmentation.posture, rate, rng)
         visible = _visible_points(rotation, root, own)
+    if augmentation.stance_shift:
+        feet = _retargeted(rotation, root, own, own)[0][:, _CONTACT]
+        contact = in_contact(feet, _rest_heights(own)[_CONTACT], rate)
+        rotation, root = set_upright(
+            rotation, root, own, augmentation.stance_shift, contact[:, :2] & contact[:, 2:], rate
+        )
     if augmentation.straightening:
         rotation, root = straightened(rotation, root, own, augmentation.straightening, rate)
     if augmentation.mirrored:
@@ -225,7 +285,7 @@ def make_sequence(corpus: Corpus, clip: int, augmentation: SequenceAugmentation,
     acceleration, is_known = (
         values[order] for values in _accelerations(true_position[order], rate, rng, augmentation.noisy)
     )
-    anchor = _head_frame(turned[:, HEAD], position[:, HEAD], tracked.head_known, rng, rate)
+    anchor = _head_frame(turned, position, tracked, rng, rate)
     known = body.known[_PLACES]
     sequence = Sequence(
         true_position=true_position.astype(np.float32),
@@ -243,6 +303,7 @@ def make_sequence(corpus: Corpus, clip: int, augmentation: SequenceAugmentation,
         certainty=body.certainty[_PLACES].astype(np.float32),
         size=float(stature(known)),
         interval=1 / rate,
+        usual=tracked.usual and not augmentation.stance_shift and augmentation.posture not in NEW_KINDS,
     )
     if augmentation.fingers is None:
         return sequence
@@ -439,14 +500,31 @@ def _with_rotation_noise(
 
 
 def _head_frame(
-    head: np.ndarray, place: np.ndarray, known: np.ndarray, rng: np.random.Generator, rate: float
+    rotation: np.ndarray, position: np.ndarray, tracked: SensorMasks, rng: np.random.Generator, rate: float
 ) -> np.ndarray:
-    """Return the frame under the head (T, 4), with errors of an estimate in frames without a tracked head."""
-    twist = np.stack([head[:, 0] ** 2 - head[:, 2] ** 2, 2 * head[:, 0] * head[:, 2]], axis=-1)
-    angle = np.arctan2(twist[:, 1], twist[:, 0])
-    where = place[:, [0, 2]].astype(float)
-    if not known.all():
-        error = smooth_noise(len(head), 3, rate, 2.0, rng) * [np.radians(12.0), 0.04, 0.04]
-        angle = np.where(known, angle, angle + error[:, 0])
-        where = np.where(known[:, None], where, where + error[:, 1:])
+    """Return the frame under the head (T, 4), found as the core finds it.
+
+    Its heading is that of the head's rotation, or else the pelvis's, or else that of lines from right to left points.
+    In other frames it has the errors of an estimate, and so has the position of a head that is not tracked.
+    """
+    error = smooth_noise(len(rotation), 3, rate, 2.0, rng) * [np.radians(12.0), 0.04, 0.04]
+    axis = _heading_axis(rotation[:, HEAD])
+    angle = np.arctan2(axis[:, 1], axis[:, 0]) + error[:, 0]
+    direction = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
+    line = np.zeros((len(rotation), 3))
+    for left, right in _LINES:
+        both = (tracked.has_position[:, left] & tracked.has_position[:, right])[:, None]
+        line += np.where(both, position[:, left] - position[:, right], 0.0)
+    lines = np.stack([line[:, 0], -line[:, 2]], axis=-1)
+    direction = np.where((np.linalg.norm(lines, axis=-1) > _SHORTEST_LINE)[:, None], lines, direction)
+    for joint in (PELVIS, HEAD):
+        direction = np.where(tracked.has_rotation[:, [joint]], _heading_axis(rotation[:, joint]), direction)
+    angle = np.arctan2(direction[:, 1], direction[:, 0])
+    where = position[:, HEAD][:, [0, 2]].astype(float)
+    where = np.where(tracked.has_position[:, [HEAD]], where, where + error[:, 1:])
     return np.column_stack([np.cos(angle), np.sin(angle), where])
+
+
+def _heading_axis(rotation: np.ndarray) -> np.ndarray:
+    """Return cosine and sine (T, 2), not normalised, of the heading of rotations (T, 4) wxyz."""
+    return np.stack([rotation[:, 0] ** 2 - rotation[:, 2] ** 2, 2 * rotation[:, 0] * rotation[:, 2]], axis=-1)

@@ -21,7 +21,7 @@ from bodysense.tracking.model import CompletionModel, load_completion
 from bodysense.tracking.tracker import Tracker
 from bodysense_lab.completion.data.corpus import read_corpus
 from bodysense_lab.completion.data.points import body_indices
-from bodysense_lab.completion.data.posture_clips import posture_clips
+from bodysense_lab.completion.data.postures.posture_clips import posture_clips
 from bodysense_lab.completion.kinds.lattice import random_edges
 from bodysense_lab.completion.networks.error_map import (
     CERTAINTY_SCALE,

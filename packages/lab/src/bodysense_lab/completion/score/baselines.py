@@ -19,6 +19,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import cache_folder, make_folder, written_beside
 from bodysense.geometry.rotation import heading, quaternion_conjugate, quaternion_rotate
 from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import Split
 from bodysense.io.resample import resample
 from bodysense_lab.completion.score.sight.wearers import rest_heights
 from bodysense_lab.data.clips import count_clips, open_clips
@@ -72,9 +73,8 @@ def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: 
 
     The body is cached in the user's cache folder. `advance` is called for every clip that is read.
     """
-    try:
-        count = count_clips(data, "train")
-    except BodysenseError:
+    count = count_of_split(data, "train")
+    if count is None:
         return None
     digest = hashlib.sha256(f"{FORMAT} {data.resolve()} {count}".encode()).hexdigest()[:16]
     path = cache_folder() / f"mean-body-{digest}.npz"
@@ -92,6 +92,14 @@ def cached_mean_body(data: Path, advance: Callable[[Clip], None] = lambda clip: 
     with written_beside(path) as beside, beside.open("wb") as file:
         np.savez(file, place=body.place)
     return body
+
+
+def count_of_split(data: Path, split: Split) -> int | None:
+    """Return the number of clips of a split of a folder or store, or None if there is no such split."""
+    try:
+        return count_clips(data, split)
+    except BodysenseError:
+        return None
 
 
 def _rest_height(skeleton: Skeleton) -> float:

@@ -195,6 +195,8 @@ SIGHT = {
     "false steps": "false_steps_per_minute",
     "missed %": "missed_steps_share",
     "wrong %": "wrong_foot_share",
+    "walking %": "wrong_foot_walking_share",
+    "astride %": "wrong_foot_astride_share",
     "re-entry": "reentry_speed_m_s",
     "PJ": "pj_ratio",
     "AUJ": "auj",

@@ -60,6 +60,14 @@ class CompletionTraining(_FolderRun, Card):
     """checkpoint of an earlier run, or completion network (.safetensors), with the body's initial weights"""
     keep: Annotated[float, within(float, 0, 1)] = 0.0
     """share of the weights of --begin-with in the average with the trained weights that is written"""
+    stay_close: Annotated[float, within(float, 0, 100)] = 0.0
+    """weight of the distance to the predictions of --begin-with for usual sensors; 0: none"""
+    streams: Count = 96
+    """sequences in parallel"""
+    draw_processes: Annotated[int, within(int, 0, 1024)] = 0
+    """processes that draw sequences for the one that trains; 0: it draws them itself"""
+    plays: Count = 1
+    """how often a sequence of DRAW_PROCESSES may be played while new ones are drawn"""
     backward: bool = False
     """train the network that tracks recordings backward in time"""
     finger_steps: Annotated[int, within(int, 0, 10_000_000)] = FINGER_SCHEDULE.steps
@@ -69,6 +77,8 @@ class CompletionTraining(_FolderRun, Card):
         check_ending(self.out, ".safetensors")
         if self.keep and self.begin_with is None:
             raise BodysenseError(f"--keep {self.keep:g} is a share of earlier weights; give --begin-with, too")
+        if self.stay_close and self.begin_with is None:
+            raise BodysenseError(f"--stay-close {self.stay_close:g}: close to which network? Give --begin-with, too")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +138,8 @@ class EvaluationScope:
     """score 200 random edges of the lattice of sensor sets as well, which takes as long as half of all clips"""
     takes: bool = False
     """score takes as well, completed with past and future, which takes three times as long"""
+    mean_body: bool = True
+    """compare hidden joints with the mean body of the train split, which is read whole the first time"""
 
     def __post_init__(self) -> None:
         unknown = [name for name in self.sets if name not in SENSOR_SETS]
@@ -135,6 +147,26 @@ class EvaluationScope:
             raise BodysenseError(f"--sets {unknown[0]}: unknown; valid are {', '.join(SENSOR_SETS)}")
         if not self.bodies:
             raise BodysenseError(f"--bodies: give at least one of {', '.join(BODIES)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class KindsScope:
+    """Motion and sensors that `evaluate kinds` scores."""
+
+    data: Data
+    split: Split = "test"
+    """people, and unseen bodies, to score"""
+    clips: Count = 8
+    """number of clips, spread evenly over those of at least 10 s, of which the first 10 s are scored"""
+    members: Annotated[int, within(int, 0, 1000)] = 6
+    """random sets of each family"""
+    pairs: Annotated[int, within(int, 0, 100_000)] = 200
+    """random pairs of a set and the same set with one more sensor"""
+    model: Path | None = None
+    """completion network of your own; the packaged one if omitted"""
+    jobs: Processes | None = None
+    """processes; all processors if omitted"""
+    json: Json = None
 
 
 @dataclass(frozen=True, kw_only=True)

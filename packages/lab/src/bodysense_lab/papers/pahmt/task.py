@@ -106,7 +106,7 @@ class ArmTask(Task):
         betas = (schedule.momentum, 0.999)
         return torch.optim.Adam(groups, lr=schedule.learning_rate, betas=betas, weight_decay=schedule.weight_decay)
 
-    def rate(self, step: int) -> float:
+    def rate(self, step: int, steps: int | None = None) -> float:
         """Return the learning rate: halved every `halve_every` epochs."""
         epoch = (step - 1) // self.epoch_steps
         return self.schedule.learning_rate * 0.5 ** (epoch // self.schedule.halve_every)
@@ -199,7 +199,7 @@ def _judged(logit: Tensor, target: float) -> Tensor:
 
 
 def _mean(values: Tensor, known: Tensor) -> Tensor:
-    """The mean of values (B, T, N) of what is known, (B, 1, N)."""
+    """The mean of values (B, T, N) where they are known, (B, 1, N)."""
     return (values * known).sum() / (known.expand_as(values).sum().clamp(min=1))
 
 

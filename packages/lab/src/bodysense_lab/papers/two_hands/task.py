@@ -59,7 +59,7 @@ class GloveTask(Task):
         """Adam."""
         return torch.optim.Adam(self.network.parameters(), lr=self.schedule.learning_rate)
 
-    def rate(self, step: int) -> float:
+    def rate(self, step: int, steps: int | None = None) -> float:
         """Warm-up and cosine, or the same all along where it is halved instead."""
         schedule = self.schedule
         return rate_at(schedule, step) if schedule.patience is None else schedule.learning_rate

@@ -66,11 +66,11 @@ class BodyTask(Task):
         """Optimiser steps of the whole run."""
         return step_count(self.network.config, self.schedule, self.sequences)
 
-    def rate(self, step: int) -> float:
+    def rate(self, step: int, steps: int | None = None) -> float:
         """Warm-up and cosine for carried training; constant for windows, as in the paper."""
         if self.network.config.window is not None:
             return self.schedule.learning_rate
-        return rate_at(self.schedule, step, self.steps)
+        return rate_at(self.schedule, step, steps or self.steps)
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[BodyBatch]:
         """See `make_batches`."""

@@ -14,7 +14,7 @@ def hanging(draw: Draw) -> PAIR:
     def arm() -> ArmPosture:
         out, ahead = draw.between(0.06, 0.2), draw.between(-0.02, 0.14)
         wrist = (out, -draw.between(0.945, 0.98), ahead)
-        return ArmPosture("gravity", wrist, (0.35, 0.0, -1.0), (-1.0, 0.0, -draw.between(0.0, 0.9)), 0.006, 0.4)
+        return ArmPosture("gravity", wrist, (0.35, 0.0, -1.0), (-1.0, 0.0, -draw.between(0.0, 0.9)), 0.006)
 
     return arm(), arm()
 
@@ -35,11 +35,11 @@ def talking(draw: Draw) -> PAIR:
     """Hands that gesture in front of the body; at times one of them hangs or stays low."""
     first, second = with_controllers(draw)
     lively = draw.between(0.04, 0.1)
-    first = ArmPosture(first.frame, first.wrist, first.elbow, first.palm, lively, 1.0)
+    first = ArmPosture(first.frame, first.wrist, first.elbow, first.palm, lively)
     if draw.chance(0.3):
         second = hanging(draw)[1]
     elif draw.chance(0.7):
-        second = ArmPosture(second.frame, second.wrist, second.elbow, second.palm, lively, 1.0)
+        second = ArmPosture(second.frame, second.wrist, second.elbow, second.palm, lively)
     return (first, second) if draw.chance(0.5) else (second, first)
 
 
@@ -53,8 +53,8 @@ def on_hips(draw: Draw) -> PAIR:
 
 def behind_back(draw: Draw) -> PAIR:
     """Hands that hold each other behind the back."""
-    up, back = draw.between(0.05, 0.4), draw.between(-0.42, -0.34)
-    elbow = (1.0, 0.0, -draw.between(0.3, 0.6))
+    up, back = draw.between(0.05, 0.4), draw.between(-0.32, -0.26)
+    elbow = (1.0, 0.0, -draw.between(0.5, 0.9))
     return tuple(ArmPosture("pelvis", (draw.between(0.0, 0.12), up, back + d), elbow, (0.0, 0.2, -1.0), 0.003)
                  for d in (0.0, -0.04))  # type: ignore[return-value]  # fmt: skip
 
@@ -68,7 +68,7 @@ def behind_head(draw: Draw) -> PAIR:
 
 def crossed(draw: Draw) -> PAIR:
     """Arms crossed in front of the chest."""
-    up, ahead = draw.between(-0.52, -0.36), draw.between(0.4, 0.48)
+    up, ahead = draw.between(-0.52, -0.36), draw.between(0.36, 0.44)
     elbow = (0.9, -0.9, 0.1)
     return (
         ArmPosture("chest", (-0.2, up, ahead), elbow, (0.0, -0.3, -1.0), 0.003),
@@ -96,8 +96,8 @@ def on_thighs(draw: Draw) -> PAIR:
 
 def guard(draw: Draw) -> PAIR:
     """Fists in front of the face, as in boxing."""
-    one = ArmPosture("chest", (0.22, -0.02, 0.5), (0.5, -1.0, -0.1), (-1.0, 0.0, -0.3), draw.between(0.01, 0.04), 1.0)
-    other = ArmPosture("chest", (0.2, -0.05, draw.between(0.55, 0.9)), one.elbow, one.palm, one.motion, 1.0)
+    one = ArmPosture("chest", (0.22, -0.02, 0.5), (0.5, -1.0, -0.1), (-1.0, 0.0, -0.3), draw.between(0.01, 0.04))
+    other = ArmPosture("chest", (0.2, -0.05, draw.between(0.55, 0.9)), one.elbow, one.palm, one.motion)
     return (one, other) if draw.chance(0.5) else (other, one)
 
 

@@ -24,6 +24,7 @@ UPRIGHT = 0.8  # of its rest height; a standing pelvis is higher
 STRAIGHT = 10.0  # °; a true knee that is bent less is straight
 BACKWARD = 5.0  # °; a knee that is bent farther in the wrong direction bends backward
 STRIDE = 0.20  # m between the ankles along the pelvis's heading; less is no stride
+WALKING, WALKING_WINDOW = 0.3, 0.5  # m/s along the floor of a pelvis that walks, and s over which it is measured
 STEP = 0.08  # m along the floor; a foot that moves less did not step
 TRUE_STEP = 0.20  # m; only true steps of this length count as missed
 STILL = 0.25  # m/s along the floor; a slower foot stands
@@ -112,8 +113,8 @@ def backward_knees(rotation: np.ndarray) -> np.ndarray:
     return np.degrees(2 * np.arctan2(sign * rotation[..., 1], np.abs(rotation[..., 0]))) < -BACKWARD
 
 
-def wrong_feet(ankles: np.ndarray, truth: np.ndarray, facing: np.ndarray) -> np.ndarray:
-    """Return (N,) bool for frames with a true stride: the output has the other foot in front.
+def wrong_feet(ankles: np.ndarray, truth: np.ndarray, facing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return masks (T,), bool: frames with a true stride, and those of them whose output has the other foot in front.
 
     Args:
         ankles: output ankles (T, 2, 3) m, left and right.
@@ -125,7 +126,16 @@ def wrong_feet(ankles: np.ndarray, truth: np.ndarray, facing: np.ndarray) -> np.
         np.asarray(quaternion_rotate(back, values[:, 0] - values[:, 1]))[:, 2] for values in (ankles, truth)
     )
     stride = np.abs(true_ahead) > STRIDE
-    return ahead[stride] * true_ahead[stride] < 0
+    return stride, stride & (ahead * true_ahead < 0)
+
+
+def walking_frames(pelvis: np.ndarray, rate: float) -> np.ndarray:
+    """Return frames (T,), bool, in which a pelvis (T, 3) m moves along the floor at `WALKING` or faster."""
+    window = max(1, round(WALKING_WINDOW * rate / 2))
+    place = np.arange(len(pelvis))
+    before, after = np.maximum(place - window, 0), np.minimum(place + window, len(pelvis) - 1)
+    distance = vector_length((pelvis[after] - pelvis[before])[:, [0, 2]])
+    return distance * rate >= WALKING * np.maximum(after - before, 1)
 
 
 def still_spans(foot: np.ndarray, rate: float, shortest: float = 0.1) -> list[tuple[int, int]]:

@@ -14,22 +14,26 @@ import numpy as np
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.geometry.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix, slerp, smooth_step
 from bodysense_lab.completion.data.corpus import Corpus
-from bodysense_lab.completion.data.limbs import bend_limb, hips_of, limb_of
+from bodysense_lab.completion.data.postures.limbs import bend_limb, hips_of, limb_of
 from bodysense_lab.completion.data.smooth_noise import smooth_noise
 
 # Shares of the postures. `standing` changes the arms only.
 KINDS = {
-    "chair": 0.46,
-    "floor": 0.10,
-    "kneeling": 0.12,
-    "half kneeling": 0.10,
-    "lunge": 0.05,
-    "crouch": 0.09,
+    "chair": 0.36,
+    "floor": 0.08,
+    "kneeling": 0.10,
+    "half kneeling": 0.08,
+    "lunge": 0.04,
+    "crouch": 0.07,
     "lying": 0.03,
-    "standing": 0.05,
+    "standing": 0.10,
+    "stride": 0.08,  # upright, one foot in front of the other
+    "bow": 0.06,  # with straight legs
 }
+NEW_KINDS = ("standing", "stride", "bow")  # postures and arms that earlier networks were not trained on
 _WHOLE_SEQUENCE = 0.55  # share of sequences that are in the posture throughout
 _RESTING, _HOLDING = 0.4, 0.25  # shares of sequences whose hands rest on the thighs, and are held still in front
+_HELD = 0.6  # share of strides and bows whose hands are held in a place of `_HANDS`
 _TALL = 0.95  # m, rest height of the pelvis of the body to which the heights below refer
 _SIDES = ("left", "right")
 _UPPER = [k for k, name in enumerate(BODY) if name.rpartition("_")[2] not in ("hip", "knee", "ankle", "foot")]
@@ -111,8 +115,12 @@ def apply_posture(
     if kind != "standing":
         matrix, path = _blend_posture(before, path, offset, _POSTURES[kind](_bones_of(offset), rng), share, rate, rng)
     drawn = rng.uniform()
-    if kind == "standing" or drawn < _HOLDING:
-        matrix = _hold_hands_in_front(matrix, path, offset, rate, rng)
+    if kind in NEW_KINDS:
+        if kind == "standing" or drawn < _HELD:
+            names = list(_HANDS)
+            matrix = _hold_hands(matrix, path, offset, _HANDS[names[int(rng.integers(len(names)))]], rate, rng)
+    elif drawn < _HOLDING:
+        matrix = _hold_hands(matrix, path, offset, _HANDS["in front"], rate, rng)
     elif drawn < _HOLDING + _RESTING and kind in ("chair", "kneeling", "half kneeling", "floor"):
         matrix = _rest_hands_on_thighs(matrix, path, offset, share, rate, rng)
     return matrix_to_quaternion(matrix), path
@@ -256,7 +264,29 @@ def _crouch_posture(bones: _Bones, rng: np.random.Generator) -> _Posture:
     return _Posture(height, back, float(tilt), float(lean), (leg(), leg()))
 
 
+def _stride_posture(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    """Draw an upright stance with one foot in front of the other."""
+    ahead, behind = float(rng.uniform(0.05, 0.35)) * bones.scale, float(rng.uniform(-0.35, 0.0)) * bones.scale
+    reach = float(np.sqrt((rng.uniform(0.96, 0.995) * bones.leg) ** 2 - max(ahead, -behind) ** 2))
+    raised, out = bool(rng.uniform() < 0.3), _foot_spread(bones, rng)
+    front, rear = _standing_leg(bones, ahead, out, rng), _standing_leg(bones, behind, out, rng, raised=raised)
+    return _Posture(
+        reach + _SOLE * bones.scale, 0.0, _degrees(0, 5, rng), _degrees(2, 5, rng), _in_random_order(front, rear, rng)
+    )
+
+
+def _bow_posture(bones: _Bones, rng: np.random.Generator) -> _Posture:
+    """Draw a bow with straight legs, the hips behind the feet."""
+    back, out = float(rng.uniform(0.03, 0.2)) * bones.scale, _foot_spread(bones, rng)
+    reach = float(np.sqrt((rng.uniform(0.97, 0.997) * bones.leg) ** 2 - back**2))
+    legs = _standing_leg(bones, back, out, rng), _standing_leg(bones, back + float(rng.normal(0, 0.02)), out, rng)
+    tilt, lean = np.radians(rng.uniform(10, 65)), np.radians(rng.uniform(5, 45))
+    return _Posture(reach + _SOLE * bones.scale, back, float(tilt), float(lean), legs)
+
+
 _POSTURES = {
+    "stride": _stride_posture,
+    "bow": _bow_posture,
     "chair": _chair_posture,
     "floor": _floor_posture,
     "kneeling": _kneeling_posture,
@@ -292,7 +322,7 @@ def _blend_posture(
         after[:, joint] = quaternion_to_matrix(quaternion_exp(side * angle[:, None])) @ turn @ before[:, joint]
 
     middle = np.median(root[:, [0, 2]], axis=0)
-    place = np.empty_like(root)
+    place = np.zeros_like(root)
     place[:, [0, 2]] = middle + _SWAY * (root[:, [0, 2]] - middle) - posture.back * square[:, [0, 2], 2]
     hips = hips_of(after[:, 0], offset)
     place[:, 1] = posture.height - hips[..., 1].mean(axis=1) + _SWAY * (root[:, 1] - np.median(root[:, 1]))
@@ -352,22 +382,42 @@ def _lie_down(
     return matrix_to_quaternion(after), path
 
 
-def _hold_hands_in_front(
-    matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, rate: float, rng: np.random.Generator
+@dataclass(frozen=True)
+class _HandPlace:
+    """Place of a left hand relative to the neck: outward, up and forward, as shares of the pelvis's rest height."""
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    pole: tuple[float, float, float]  # direction of the elbow
+
+
+_HANDS = {
+    "in front": _HandPlace((0.04, -0.5, 0.15), (0.3, -0.05, 0.5), (0.35, -1.0, -0.35)),
+    "behind the back": _HandPlace((-0.03, -0.56, -0.24), (0.10, -0.40, -0.12), (0.8, -0.4, -0.6)),
+    "behind the head": _HandPlace((0.02, 0.08, -0.14), (0.10, 0.20, -0.05), (1.0, 0.2, 0.0)),
+    "over the head": _HandPlace((0.02, 0.35, -0.10), (0.40, 0.62, 0.30), (1.0, 0.1, -0.2)),
+    "on the hips": _HandPlace((0.13, -0.52, -0.05), (0.20, -0.42, 0.08), (1.0, -0.2, -0.5)),
+    "crossed": _HandPlace((-0.16, -0.32, 0.12), (-0.04, -0.18, 0.24), (0.7, -1.0, 0.1)),
+}
+
+
+def _hold_hands(
+    matrix: np.ndarray, root: np.ndarray, offset: np.ndarray, hands: _HandPlace, rate: float, rng: np.random.Generator
 ) -> np.ndarray:
-    """Hold the hands in front of the body at times, as with controllers."""
+    """Hold the hands in a place at times; both hands, or at times one."""
     facing = matrix[:, 0, :, 2]
     square = _about_up(np.arctan2(facing[:, 0], facing[:, 2]))
     both = _random_activation(len(root), rate, rng)
-    place = np.array([rng.uniform(0.04, 0.3), rng.uniform(-0.5, -0.05), rng.uniform(0.15, 0.5)]) * offset[0, 1]
+    place = rng.uniform(hands.low, hands.high) * offset[0, 1]
+    one_hand = rng.uniform() < 0.15
     after = matrix.copy()
-    for side in _SIDES:
+    for side in _SIDES[: 1 if one_hand else 2]:
         mirror = np.array([1.0 if side == "left" else -1.0, 1.0, 1.0])
         shoulder = _joint_position(after, root, offset, f"{side}_shoulder")
         chest = _joint_position(after, root, offset, "neck")
         moving = smooth_noise(len(root), 3, rate, 1.5, rng) * 0.03 + rng.normal(0, 0.03, 3)
         target = chest + np.einsum("tij,tj->ti", square, (place + moving) * mirror)
-        pole = np.einsum("tij,j->ti", square, np.array([0.35, -1.0, -0.35]) * mirror)
+        pole = np.einsum("tij,j->ti", square, np.array(hands.pole) * mirror)
         after = _move_arm(after, root, offset, side, shoulder, target, pole, both, None)
     return after
 

@@ -7,7 +7,7 @@ from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from bodysense.body.pose import Pose
 from bodysense.geometry.rotation import matrix_to_quaternion, quaternion_to_matrix
-from bodysense_lab.completion.data.limbs import bend_limb, hips_of, limb_of, with_changed_body
+from bodysense_lab.completion.data.postures.limbs import bend_limb, hips_of, limb_of, with_changed_body
 
 _SIDES = ("left", "right")
 _STRETCH = 0.999  # longest leg, as a share of the lengths of its bones

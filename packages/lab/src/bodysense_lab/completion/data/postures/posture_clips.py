@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from bodysense.io.clip import Clip
-from bodysense_lab.completion.data.limbs import with_changed_body
-from bodysense_lab.completion.data.postures import KINDS, apply_posture, is_standing
+from bodysense_lab.completion.data.postures.limbs import with_changed_body
+from bodysense_lab.completion.data.postures.postures import KINDS, apply_posture, is_standing
 
 _MOSTLY = 0.7  # smallest share of a clip in which its person stands
 
