@@ -60,7 +60,10 @@ def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> Non
         ("take.vmd", "MikuMikuDance, is not read; import model and motion in Blender"),
         ("keypoints.json", "OpenPose, .* give the video itself"),
         ("take.bvh.gz", "gunzip"),
-        ("take.pkl", "a pickle may run any code"),
+        ("take.amc", "convert it to BVH"),
+        ("take.usda", "convert it with Blender"),
+        ("take.dae", "convert it with Blender"),
+        ("take.mot", "with OpenSim"),
         ("take.txt", r"unknown kind of file .* markers \(\.c3d, .*recordings \(\.npz, .*videos \(\.mp4"),
     ],
 )

@@ -16,7 +16,6 @@ import numpy as np
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_rotate
 from bodysense.observing.world_axes import TURNS, UpAxis
-from bodysense.quality.plausible import FASTEST, FLOOR
 
 AXES: tuple[UpAxis, ...] = ("y", "z", "x", "-y", "-z", "-x")  # the first of equal ones is taken
 
@@ -170,7 +169,7 @@ def judged_up(
         finite = np.isfinite(speed)
         moves = np.max(speed, axis=1, initial=0.0, where=finite) > _MOVES
         stillest = np.min(speed, axis=1, initial=_STILL, where=finite)
-        # What carries the body is the stillest part of it.
+        # The stillest part of a body is the part that carries it.
         rests = (speed < _STILL) & (speed <= (_AS_STILL * stillest + _QUIVER)[:, None])
     stands: dict[UpAxis, float] = {}
     for axis in AXES:
@@ -199,27 +198,3 @@ def _resting(height: np.ndarray, later: np.ndarray, rests: np.ndarray) -> float:
     touches = (np.abs(height - floor) < _NEAR) & (np.abs(later - floor) < _NEAR)
     holds = (touches & rests).any(axis=1)
     return float(_ONE_LEVEL * level + _AT_ZERO * np.exp(-((floor / _ZERO) ** 2)) + _HOLDS * holds.mean())
-
-
-def path_in_metres(path: np.ndarray, rate: float, given: float | None, name: str) -> tuple[np.ndarray, list[str]]:
-    """Return the path (T, 3) m of a pelvis in the `given` unit, or in the one in which people can move, and warnings.
-
-    `name` is the array's, for messages.
-    """
-    if given is not None:
-        return path * given, []
-    if len(path) < 2 or not _is_too_fast(path, rate, 1.0):
-        return path, []
-    for unit, metres in (("cm", 0.01), ("mm", 0.001)):
-        if not _is_too_fast(path, rate, metres):
-            return path * metres, [
-                f"{name!r} is taken as {unit}: in metres the body moves too fast (--unit m keeps it)"
-            ]
-    return path, []  # `quality.plausible` tells how fast it is
-
-
-def _is_too_fast(path: np.ndarray, rate: float, metres: float) -> bool:
-    first, later, moment = moments(len(path), rate)
-    speed = metres * np.linalg.norm(path[later] - path[first], axis=-1) / moment
-    height = metres * float(np.ptp(path, axis=0).min())  # a pelvis rises by less than this
-    return bool(np.percentile(speed, 90) > FASTEST or height > FLOOR)

@@ -26,7 +26,7 @@ Kind = Literal["size", "speed", "floor", "flat", "mirror", "rate"]
 
 @dataclass(frozen=True)
 class Doubt:
-    """What is unlike a person in a motion, and the option that settles it."""
+    """Property of a motion that is unlike a person, and the option that settles it."""
 
     kind: Kind
     text: str
@@ -103,7 +103,7 @@ def flat_doubt(place: Places) -> Doubt | None:
     points = points[np.isfinite(points).all(axis=(1, 2))]
     if len(points) == 0 or points.shape[1] < 4:
         return None
-    # All frames in one plane: a camera's picture. A person who stands flat against a wall does not stay there.
+    # All frames in one plane are a camera's picture: people do not move in a plane for a whole motion.
     spread = np.linalg.svd((points - points.mean(axis=(0, 1))).reshape(-1, 3), compute_uv=False)
     if not spread[0] > 0 or spread[2] > _FLAT * spread[0]:
         return None
@@ -154,3 +154,27 @@ def _cosine(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return cosines (N,) of the angles between vectors (N, 3); NaN for vectors without a length."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return (a * b).sum(axis=-1) / (np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1))
+
+
+def path_in_metres(path: np.ndarray, rate: float, given: float | None, name: str) -> tuple[np.ndarray, list[str]]:
+    """Return the path (T, 3) m of a pelvis in the `given` unit, or in the one in which people can move, and warnings.
+
+    `name` is the array's, for messages.
+    """
+    if given is not None:
+        return path * given, []
+    if len(path) < 2 or not _is_too_fast(path, rate, 1.0):
+        return path, []
+    for unit, metres in (("cm", 0.01), ("mm", 0.001)):
+        if not _is_too_fast(path, rate, metres):
+            return path * metres, [
+                f"{name!r} is taken as {unit}: in metres the body moves too fast (--unit m keeps it)"
+            ]
+    return path, []  # `doubts_about` tells how fast it is
+
+
+def _is_too_fast(path: np.ndarray, rate: float, metres: float) -> bool:
+    step = min(max(1, round(rate / 15)), len(path) - 1)  # over 1/15 s, so that noise does not count
+    speed = metres * np.linalg.norm(path[step:] - path[:-step], axis=-1) * rate / step
+    height = metres * float(np.ptp(path, axis=0).min())  # a pelvis rises by less than this
+    return bool(np.percentile(speed, 90) > FASTEST or height > FLOOR)

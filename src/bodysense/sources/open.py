@@ -252,8 +252,8 @@ _UNSUPPORTED = {
     ".mvn": "Xsens's own format is not read; export the take as .bvh (or .c3d): File, Export, in MVN",
     ".vmd": "VMD, a motion of MikuMikuDance, is not read; import model and motion in Blender with MMD Tools, and "
     "export them as .glb or .bvh",
-    ".json": "JSON is not read: of key points of a picture (OpenPose, AlphaPose …) give the video itself; write "
-    "places in space as .csv (NAME.x, NAME.y, NAME.z) or .npy, and parameters of SMPL with numpy.savez, as 'poses' and "
+    ".json": "JSON of key points or of SMPL is not read: of a picture (OpenPose, AlphaPose …) give the video itself; "
+    "write places in space as .csv (NAME.x, NAME.y, NAME.z) or .npy, and parameters of SMPL with numpy.savez, as 'poses' and "
     "'trans'",
     ".asf": "a skeleton without motion; convert it and its .amc to BVH (the library has its takes as BVH, too), or "
     "import both in Blender and export them as .bvh or .glb",

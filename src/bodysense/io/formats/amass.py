@@ -21,8 +21,8 @@ from bodysense.files import sound
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import with_fingers
-from bodysense.observing.world import path_in_metres
 from bodysense.observing.world_axes import TURNS
+from bodysense.quality.plausible import path_in_metres
 
 # Columns of `poses` that are pelvis and body, then both hands, by width. SMPL-X has jaw and eyes between them.
 _LAYOUT = {156: (slice(0, 66), slice(66, 156)), 165: (slice(0, 66), slice(75, 165))}

@@ -47,11 +47,11 @@ from bodysense.observing.world import (
     doubts,
     judged_up,
     moments,
-    path_in_metres,
     signed,
     told_warning,
 )
 from bodysense.observing.world_axes import TURNS, UpAxis
+from bodysense.quality.plausible import path_in_metres
 
 USUAL_RATE = 30.0  # Hz, for files without a rate
 WHOLE = ("poses", "pose", "smpl_poses", "fullpose", "full_pose", "poses_body", "pose_world", "pose_aa", "smpl_thetas")
