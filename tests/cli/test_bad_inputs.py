@@ -45,20 +45,13 @@ BAD = {
     "generate -o out.bvh --height 3": "--height 3: people are 1 to 2.3 m high",
     "track motion.bvh -o out.bvh --device kinect": "--device kinect: give one of four_point, gloves, gloves_imu, head",
     "track motion.bvh -o out.bvh --device None": "--device None: give one of four_point, gloves, gloves_imu, head",
-    "track motion.bvh -o out.bvh --fingers none": "--fingers none: give one of synthesize, tracked",
     "track motion.bvh -o out.bvh --up w": "--up w: give one of -x, -y, -z, x, y, z",
     "track motion.bvh -o out.bvh --seed 1.5": "--seed 1.5: give a whole number",
-    "track motion.bvh -o out.bvh --device three_point --samples 100000000": (
-        "--samples 100000000: give a whole number, 1 to 1000"
-    ),
     "track motion.bvh -o out.bvh --floor low": "--floor low: give a number in metres",
     "track motion.bvh -o out.bvh --floor nan": "floor nan m; give the floor's height in metres",
     "track motion.bvh -o out.bvh --device headset_camera --floor 5": "m below the floor",
     "track motion.bvh -o out.bvh --device head --person me.json --height 1.7": (
         "holds the wearer's height; leave one of both out"
-    ),
-    "track motion.bvh -o out.bvh --device three_point --samples 2 --fingers synthesize": (
-        "leave --fingers synthesize out"
     ),
     "track motion.bvh -o out.bvh --device head --model missing.safetensors": "no such model file",
     "track motion.bvh -o out.bvh --unit cubit": "--unit cubit: give m, cm",
@@ -137,8 +130,8 @@ BAD = {
     # weights, before the motion is completed
     "track motion.bvh -o out.bvh --device head --model text.txt": "text.txt",
     "track motion.bvh -o out.bvh --device head --model folder": "folder",
-    "track motion.bvh -o out.bvh --fingers synthesize --model bytes.npz": "bytes.npz",
-    "track motion.bvh -o out.bvh --device three_point --samples 2 --model text.txt": "text.txt",
+    "papers fingers motion.bvh -o out.bvh --network bytes.npz": "bytes.npz",
+    "papers sample motion.bvh -o out.bvh --device three_point --network text.txt": "text.txt",
     "generate -o out.bvh --model text.txt": "text.txt",
     # outputs, before any work
     "track motion.bvh -o /proc/out.bvh": "/proc/out.bvh cannot be written",
@@ -170,8 +163,8 @@ BAD = {
 _TRACK, _SERVE = "track motion.bvh -o out.bvh", "serve --port 0"
 OUTSIDE = {
     ("0", "-1", "1.5", "1e9", "99999999999", "many"): (
-        f"{_TRACK} --device three_point --samples",
-        "generate -o out.bvh --count",
+        "papers sample motion.bvh -o out.bvh --device three_point --count",
+        "papers generate -o out.bvh --count",
         f"{_SERVE} --sessions",
         f"{_SERVE} --workers",
         "data prepare folder --out out.zarr --workers",
