@@ -42,7 +42,7 @@ BAD = {
     "track motion.bvh -o out.bvh --height 1,75": "--height 1,75: give a number in metres, such as 1.75",
     "track motion.bvh -o out.bvh --height=tall": "--height tall: give a number in metres, such as 1.75",
     "track motion.bvh -o out.bvh --height 175": "--height 175: people are 1 to 2.3 m high",
-    "generate -o out.bvh --height 3": "--height 3: people are 1 to 2.3 m high",
+    "papers generate -o out.bvh --height 3": "--height 3: people are 1 to 2.3 m high",
     "track motion.bvh -o out.bvh --device kinect": "--device kinect: give one of four_point, gloves, gloves_imu, head",
     "track motion.bvh -o out.bvh --device None": "--device None: give one of four_point, gloves, gloves_imu, head",
     "track motion.bvh -o out.bvh --up w": "--up w: give one of -x, -y, -z, x, y, z",
@@ -132,12 +132,12 @@ BAD = {
     "track motion.bvh -o out.bvh --device head --model folder": "folder",
     "papers fingers motion.bvh -o out.bvh --network bytes.npz": "bytes.npz",
     "papers sample motion.bvh -o out.bvh --device three_point --network text.txt": "text.txt",
-    "generate -o out.bvh --model text.txt": "text.txt",
+    "papers generate -o out.bvh --network text.txt": "text.txt",
     # outputs, before any work
     "track motion.bvh -o /proc/out.bvh": "/proc/out.bvh cannot be written",
     "convert motion.bvh -o /proc/out.glb": "/proc/out.glb cannot be written",
     "simulate motion.bvh -o /proc/out.npz": "/proc/out.npz cannot be written",
-    "generate -o /proc/out.png": "/proc/out.png cannot be written",
+    "papers generate -o /proc/out.png": "/proc/out.png cannot be written",
     "demo motion.bvh -o /proc": "/proc/demo.png cannot be written",
     "demo motion.bvh -o /proc/demo": "/proc/demo: no folder can be made there",
     "demo motion.bvh -o text.txt": "text.txt",
@@ -179,7 +179,7 @@ OUTSIDE = {
     ("-1", "4294967296", "1.5", "any"): (
         f"{_TRACK} --device head --noise --seed",
         "simulate motion.bvh -o out.npz --noise --seed",
-        "generate -o out.bvh --seed",
+        "papers generate -o out.bvh --seed",
     ),
     ("-1", "nan", "inf", "1e9", "long"): ("data fingers -o out.npz --hours",),
     ("0", "-30", "nan", "inf", "1e9", "1e-9", "fast"): (

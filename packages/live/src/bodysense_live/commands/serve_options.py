@@ -26,6 +26,10 @@ class AccessOptions:
     """TCP port; 0 for any free port"""
     token: str | None = None
     """secret that clients must present, at least 8 characters: letters, digits and -._~"""
+    token_file: Path | None = None
+    """file with the token, which other users of the machine cannot see in the list of processes"""
+    trusted_proxy: Addresses = ()
+    """address or network of a proxy, such as 10.0.0.0/8, whose X-Forwarded-For names the client. Repeatable"""
     origin: Addresses = ()
     """origin of a page on another server that may connect, such as http://localhost:5173. Repeatable"""
     lan: bool = False
@@ -124,6 +128,8 @@ class LoadOptions:
     """number of processes that share the port; one that ends is replaced"""
     shared: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """address of a Valkey or Redis, such as redis://10.0.0.2:6379, by which workers and servers resume sessions"""
+    shared_password_file: Path | None = None
+    """file with the password of --shared, which other users cannot see in the list of processes"""
     allow_record: Path | None = None
     """folder for recordings that clients request; recording is off if omitted"""
     record_megabytes: Megabytes = RecordingLimits.folder_megabytes

@@ -89,6 +89,8 @@ def make_server(
         timeout_keep_alive=5,
         timeout_graceful_shutdown=3,
         server_header=False,
+        proxy_headers=bool(access.trusted_proxies),
+        forwarded_allow_ips=list(access.trusted_proxies),
         log_config=None,
         log_level="error",
         access_log=False,
