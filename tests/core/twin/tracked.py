@@ -1,6 +1,6 @@
 """Tracked values of one person in one frame, and rotations that they imply."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -47,9 +47,6 @@ class Tracked:
     has_acceleration: np.ndarray  # (22,) bool
     rest_offset: np.ndarray  # (65, 3) m
     deviation: np.ndarray  # (65,) m
-    stands_in: set[str] = field(default_factory=set)  # limbs whose unmeasured end is replaced by other points
-    waning: float = 0.0  # s by which a raised arm that is lost is nearer to be given up
-    at_once: bool = False  # a point of the body is seen again, and the settings ease nothing
 
     def turned(self, joint: int) -> bool:
         """Whether a joint's rotation is measured or implied."""
