@@ -59,6 +59,7 @@ typedef struct pose_state {
     ease turn[BODY_JOINTS];        /* rad, world */
     ease head, pelvis;             /* m, world */
     vec3 head_speed;               /* m/s */
+    vec3 course;                   /* unit, horizontal: where a head faces or goes; zero before it is known */
     vec3 pelvis_bent, pelvis_speed; /* m, m/s: the pelvis before legs moved it */
     ease pull;
     vec3 pulled, pulled_speed;     /* m, m/s: by how much measured legs moved the pelvis */

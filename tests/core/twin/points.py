@@ -20,7 +20,7 @@ HAND_POINTS = [
     [*joints, *(at(f"{side}_{finger}_tip") for finger in FINGERS)]
     for side, joints in zip(SIDES, HAND_JOINTS, strict=True)
 ]
-PELVIS, HEAD = at("pelvis"), at("head")
+PELVIS, SPINE3, HEAD, HEAD_TOP = (at(name) for name in ("pelvis", "spine3", "head", "head_top"))
 HIPS = (at("left_hip"), at("right_hip"))
 
 

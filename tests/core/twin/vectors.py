@@ -4,6 +4,7 @@ from math import sqrt
 
 import numpy as np
 
+UP = np.array([0.0, 1.0, 0.0])
 HALF_TURN = -0.95  # cosine of a turn whose axis is hardly known
 
 
