@@ -12,8 +12,8 @@ import argparse
 import json
 from pathlib import Path
 
-from bodysense_lab.completion.publish import publish
-from bodysense_lab.completion.weights_file import read_safetensors, read_weights
+from bodysense_lab.completion.networks.publish import publish
+from bodysense_lab.completion.networks.weights_file import read_safetensors, read_weights
 
 
 def main() -> None:

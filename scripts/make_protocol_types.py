@@ -1,4 +1,4 @@
-"""Write web/src/protocol.ts, numbers and text messages of the protocol as TypeScript, from bodysense_live.
+"""Write web/src/server/protocol.ts, numbers and text messages of the protocol as TypeScript, from bodysense_live.
 
 python scripts/make_protocol_types.py [--check]
 """
@@ -15,10 +15,10 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from bodysense.io import protocol
-from bodysense_live import messages
+from bodysense.io.formats import protocol
+from bodysense_live.server import messages
 
-PLACE = Path(__file__).parents[1] / "web" / "src" / "protocol.ts"
+PLACE = Path(__file__).parents[1] / "web" / "src" / "server" / "protocol.ts"
 
 
 def text() -> str:

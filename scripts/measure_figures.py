@@ -24,42 +24,42 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from bodysense.body.glove import ALIGNMENT, MARKERS, Glove, glove_points, hand_size, marker_positions
-from bodysense.body.hand import HAND_JOINTS, hand_skeleton
-from bodysense.body.hand_family import GlovedHand, draw_hand, plain_hand
+from bodysense.body.hands.glove import ALIGNMENT, MARKERS, Glove, glove_points, hand_size, marker_positions
+from bodysense.body.hands.hand import HAND_JOINTS, hand_skeleton
+from bodysense.body.hands.hand_family import GlovedHand, draw_hand, plain_hand
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.cli.show import write_numbers
 from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.gloves.device import glove_device
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, load_glove_models
 from bodysense.devices.simulated.glove import observe
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
-from bodysense.io.markers.c3d import write_c3d
+from bodysense.io.markers.formats.c3d import write_c3d
 from bodysense.io.markers.raw_markers import points_alone
-from bodysense.last_known import KNOWN
-from bodysense.metrics import joint_error
-from bodysense.observation import EXACT_ACCURACY, Observation
+from bodysense.observing.observation import EXACT_ACCURACY, Observation
 from bodysense.papers.point_model import load_point_model
-from bodysense.take import Take, track
-from bodysense_lab.augment import mirrored
-from bodysense_lab.clips import open_clips, training_clips
-from bodysense_lab.datasets import gather_results
-from bodysense_lab.pahmt.recordings import read_arm_recordings
-from bodysense_lab.paper_options import PaperOptions
-from bodysense_lab.scoring import group_of
+from bodysense.quality.metrics import joint_error
+from bodysense.takes.last_known import KNOWN
+from bodysense.takes.take import Take, track
+from bodysense_lab.core.scoring import group_of
+from bodysense_lab.data.augment import mirrored
+from bodysense_lab.data.clips import open_clips, training_clips
+from bodysense_lab.data.datasets import gather_results
+from bodysense_lab.papers.pahmt.recordings import read_arm_recordings
+from bodysense_lab.papers.paper_options import PaperOptions
+from bodysense_lab.papers.two_hands.system import SETTINGS, networks_of
+from bodysense_lab.papers.two_hands.trials import cut, hands_of, observed
+from bodysense_lab.papers.unoc.options import FingersTraining, TablesTraining
+from bodysense_lab.papers.unoc.score.finger_scores import examples_of, finger_errors
+from bodysense_lab.papers.unoc.score.kept_scores import better_last_known
+from bodysense_lab.papers.unoc.score.tables import PLACES
+from bodysense_lab.papers.unoc.score.variant_scores import Work, score_clip, scores_of
+from bodysense_lab.papers.unoc.train import train_points
+from bodysense_lab.papers.unoc.train_tables import train_tables
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import RATE
-from bodysense_lab.two_hands.system import SETTINGS, networks_of
-from bodysense_lab.two_hands.trials import cut, hands_of, observed
-from bodysense_lab.unoc.finger_scores import examples_of, finger_errors
-from bodysense_lab.unoc.kept_scores import better_last_known
-from bodysense_lab.unoc.options import FingersTraining, TablesTraining
-from bodysense_lab.unoc.tables import PLACES
-from bodysense_lab.unoc.train import train_points
-from bodysense_lab.unoc.train_tables import train_tables
-from bodysense_lab.unoc.variant_scores import Work, score_clip, scores_of
 
 TESTS = Path(__file__).parents[1] / "tests"
 NOISE = 0.0005  # m, of every marker with filled gaps
@@ -138,7 +138,7 @@ def gloves_expected(hands: int = 40, seconds: float = 12.0) -> dict[str, float]:
         if trials is None:
             continue
         away = rng.random((len(trials), 9)) < rng.choice([0.15, 0.5, 1.0], size=(len(trials), 1))
-        solver = hands_of(trials, models, HandsSettings(contact=None))
+        solver = hands_of(trials, models, HandsSettings())
         answers, _ = solver.step(observed(trials, away), solver.start())
         for k, answer in enumerate(answers.values()):
             frames = slice(0, trials.frames[k])

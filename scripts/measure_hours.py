@@ -19,7 +19,7 @@ from pathlib import Path
 
 from bodysense.cli.show import processor, write_numbers
 from bodysense.demo import packaged_performance
-from bodysense.io.bvh import write_bvh
+from bodysense.io.formats.bvh import write_bvh
 
 FEW = ("--limit", "16", "--check-every", "1000000")  # clips, for full batches; no checks in between
 STEPS = {  # command and options: the steps of the two runs

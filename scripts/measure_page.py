@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from bodysense.cli.show import write_numbers
-from bodysense_live.page_files import write_page
+from bodysense_live.server.page_files import write_page
 
 ROOT = Path(__file__).parents[1]
 VISITS, MINUTES = 10, 10

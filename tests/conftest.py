@@ -20,18 +20,18 @@ from hypothesis import HealthCheck, settings
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
-from bodysense.body.hand import hand_skeleton
+from bodysense.body.hands.hand import hand_skeleton
 from bodysense.body.pose import Pose, standing_pose
-from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.cli import main, packages
-from bodysense.completion.model import CompletionModel, packaged_model
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
-from bodysense.io.bvh import write_bvh
+from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
 from bodysense.io.resample import resample
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
+from bodysense.tracking.model import CompletionModel, packaged_model
 
 sys.path.insert(0, str(Path(__file__).parent))  # helpers that tests of several rooms share
 Command = Callable[..., str]
@@ -166,8 +166,8 @@ def small_network(exported_once: ExportedOnce) -> Path:
     """A small untrained network, exported."""
     import torch
 
-    from bodysense_lab.unoc.export import write_onnx
-    from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
+    from bodysense_lab.papers.unoc.network.export import write_onnx
+    from bodysense_lab.papers.unoc.network.network import BodyNetwork, BodyNetworkConfig
 
     torch.manual_seed(0)
     network = BodyNetwork(BodyNetworkConfig(hidden=16, branch=(16,)), default_skeleton())
@@ -179,10 +179,10 @@ def small_vae(exported_once: ExportedOnce) -> Path:
     """HMD-VAE's model 2, small and untrained, exported; its weights are next to it as .pt."""
     import torch
 
-    from bodysense_lab.checkpoint import write_weights_file
-    from bodysense_lab.hmd_vae.export import write_vae_onnx
-    from bodysense_lab.hmd_vae.network import BodyVae
-    from bodysense_lab.hmd_vae.options import BodyVaeConfig
+    from bodysense_lab.core.checkpoint import write_weights_file
+    from bodysense_lab.papers.hmd_vae.export import write_vae_onnx
+    from bodysense_lab.papers.hmd_vae.network import BodyVae
+    from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig
 
     torch.manual_seed(0)
     card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing", "expected_error": [0.05] * 22}
@@ -204,9 +204,9 @@ def small_arms_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """PAHMT's weights, small and never trained (.pt)."""
     import torch
 
-    from bodysense_lab.checkpoint import write_weights_file
-    from bodysense_lab.pahmt.network import ArmNetwork
-    from bodysense_lab.pahmt.options import ArmNetworkConfig
+    from bodysense_lab.core.checkpoint import write_weights_file
+    from bodysense_lab.papers.pahmt.network import ArmNetwork
+    from bodysense_lab.papers.pahmt.options import ArmNetworkConfig
 
     torch.manual_seed(0)
     config = ArmNetworkConfig(
@@ -234,8 +234,8 @@ def small_arms_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def small_arms(exported_once: ExportedOnce, small_arms_weights: Path) -> Path:
     """Export the network, which takes half a minute: for slow tests."""
-    from bodysense_lab.pahmt.export import write_arms_onnx
-    from bodysense_lab.pahmt.network import read_arms
+    from bodysense_lab.papers.pahmt.export import write_arms_onnx
+    from bodysense_lab.papers.pahmt.network import read_arms
 
     def write(path: Path) -> None:
         network, card = read_arms(small_arms_weights)
@@ -250,7 +250,8 @@ def quick_completion(monkeypatch: pytest.MonkeyPatch) -> None:
 
     tests/lab/completion/test_rounding.py rounds them.
     """
-    from bodysense_lab.completion import publish, task
+    from bodysense_lab.completion.networks import publish
+    from bodysense_lab.completion.training import task
 
     monkeypatch.setattr(task, "CompletionTaskConfig", partial(task.CompletionTaskConfig, streams=4))
     monkeypatch.setattr(publish, "_STREAMS", 4)
@@ -260,7 +261,9 @@ def quick_completion(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run the laboratory's other processes as threads: each process would import PyTorch."""
-    monkeypatch.setattr("bodysense_lab.parallel.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1))
+    monkeypatch.setattr(
+        "bodysense_lab.core.parallel.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1)
+    )
 
 
 @pytest.fixture
@@ -282,9 +285,9 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with every network of UNOC's tables, tiny."""
     import torch
 
-    from bodysense_lab.checkpoint import write_weights_file
-    from bodysense_lab.unoc.network import BodyNetwork
-    from bodysense_lab.unoc.variants import VARIANTS
+    from bodysense_lab.core.checkpoint import write_weights_file
+    from bodysense_lab.papers.unoc.network.network import BodyNetwork
+    from bodysense_lab.papers.unoc.network.variants import VARIANTS
 
     folder = tmp_path_factory.mktemp("networks")
     torch.manual_seed(0)
@@ -319,8 +322,8 @@ def landmarkers(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPat
 @pytest.fixture(scope="session")
 def filmed() -> tuple[np.ndarray, Clip]:
     """Eight pictures (8, 320, 320, 3) at 15 Hz of the packaged performance, drawn, and its motion; both hands show."""
-    from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
     from bodysense.demo import packaged_performance
+    from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
     from bodysense.pictures.animation import draw_pose
     from bodysense.pictures.camera import Lens, follow_body
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.body.glove import default_glove, template
-from bodysense.body.hand import hand_skeleton
+from bodysense.body.hands.glove import default_glove, template
+from bodysense.body.hands.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.gap_fillers import FADING, GapFiller, GapFillerStack, NetworkGapFiller, RigidGapFiller
 

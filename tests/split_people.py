@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split, split_of
+from bodysense.io.formats.bvh import write_bvh
 
 
 def person_of(split: Split) -> str:

@@ -11,8 +11,8 @@ import pytest
 from bodysense import arrays
 from bodysense.arrays import array_shapes, read_array, read_arrays
 from bodysense.errors import BodysenseError
-from bodysense.io.archive import MotionFile
-from bodysense.reading import read
+from bodysense.io.formats.archive import MotionFile
+from bodysense.sources.reading import read
 
 
 def header(shape: tuple[int, ...], kind: str = "<f4") -> bytes:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import bodysense as bs
-from bodysense.body.rotation import quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_body
+from bodysense.geometry.rotation import quaternion_multiply, quaternion_rotate
 
 TURN = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])  # −90° about X: from +Z up to +Y up
 

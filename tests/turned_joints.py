@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_exp
+from bodysense.geometry.rotation import quaternion_exp
 
 
 def about(axis: str, degrees: float) -> np.ndarray:

@@ -9,14 +9,14 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.completion.calibration import calibrate
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
-from bodysense.observation import Observation
-from bodysense.tracker import Tracker, TrackerState
+from bodysense.geometry.rigid import RigidTransform
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.observing.observation import Observation
+from bodysense.tracking.calibration import calibrate
+from bodysense.tracking.tracker import Tracker, TrackerState
 
 RATE = 30
 TRACKER_JOINTS = ("pelvis", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_elbow", "right_elbow")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense_lab.completion.options import BODIES, BODY_TITLES, TABLE_SETS
-from bodysense_lab.completion.wearer_scores import RARE_SETS, SEATED_HEIGHTS, SEATED_SETS
-from bodysense_lab.completion.wearers import PALMS, RAISES
-from bodysense_lab.hmd_vae.tables import PUBLISHED as THREE_POINT
-from bodysense_lab.holes import PARTS as HOLES
-from bodysense_lab.holes import SECONDS
-from bodysense_lab.model_card import network_lines, parse_fields, read_network
+from bodysense_lab.completion.score.holes import PARTS as HOLES
+from bodysense_lab.completion.score.holes import SECONDS
+from bodysense_lab.completion.score.sight.wearer_scores import RARE_SETS, SEATED_HEIGHTS, SEATED_SETS
+from bodysense_lab.completion.score.sight.wearers import PALMS, RAISES
+from bodysense_lab.completion.training.options import BODIES, BODY_TITLES, TABLE_SETS
+from bodysense_lab.core.model_card import network_lines, parse_fields, read_network
+from bodysense_lab.papers.hmd_vae.tables import PUBLISHED as THREE_POINT
 
 from .blocks import ROOT, Block, Numbers, between, figure, markdown, sampled
 

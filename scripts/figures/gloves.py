@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from itertools import pairwise
 from textwrap import fill
 
-from bodysense_lab.two_hands.choice import CANDIDATES, value_text
-from bodysense_lab.two_hands.foreign import FEW_MANY, WAYS
-from bodysense_lab.two_hands.foreign import PLACES as FOREIGN_PLACES
-from bodysense_lab.two_hands.fusion import FINGER_COUNTS, FUSION_PLACES, SECONDS
-from bodysense_lab.two_hands.fusion import METHODS as FUSION_METHODS
-from bodysense_lab.two_hands.layouts import layouts
-from bodysense_lab.two_hands.limits_report import LINES
-from bodysense_lab.two_hands.occlusion import PUBLISHED_AT_ONCE, PUBLISHED_SHORT, SHORT
-from bodysense_lab.two_hands.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
-from bodysense_lab.two_hands.trials import DURATIONS, HIDDEN
+from bodysense_lab.papers.two_hands.score.choice import CANDIDATES, value_text
+from bodysense_lab.papers.two_hands.score.foreign import FEW_MANY, WAYS
+from bodysense_lab.papers.two_hands.score.foreign import PLACES as FOREIGN_PLACES
+from bodysense_lab.papers.two_hands.score.fusion import FINGER_COUNTS, FUSION_PLACES, SECONDS
+from bodysense_lab.papers.two_hands.score.fusion import METHODS as FUSION_METHODS
+from bodysense_lab.papers.two_hands.score.layouts import layouts
+from bodysense_lab.papers.two_hands.score.limits_report import LINES
+from bodysense_lab.papers.two_hands.score.occlusion import PUBLISHED_AT_ONCE, PUBLISHED_SHORT, SHORT
+from bodysense_lab.papers.two_hands.score.tables import PUBLISHED_MARKERS, PUBLISHED_POINTS, PUBLISHED_STILL
+from bodysense_lab.papers.two_hands.trials import DURATIONS, HIDDEN
 
 from .blocks import Block, Numbers, between, figure, markdown, sampled
 
@@ -188,7 +188,7 @@ def occlusion(numbers: Numbers) -> str:
 
 
 def limits(numbers: Numbers) -> str:
-    """Return the limits of the paper's gloves, without and with our remedies."""
+    """Return the limits of the paper's gloves."""
     rows = []
     for prefix, motion in (("", "recorded"), ("synthesised_", "synthesised")):
         for line in LINES:
@@ -196,7 +196,7 @@ def limits(numbers: Numbers) -> str:
             if any(value is not None for value in cells):
                 figures = ["–" if value is None else f"{line.factor * value:.2f}" for value in cells]
                 rows.append([motion, line.limit, line.figure, *figures])
-    return markdown(["motion", "limit", "figure", "truth", "without", "with"], rows)
+    return markdown(["motion", "limit", "figure", "truth", "without rejection", "output"], rows)
 
 
 def fusion(numbers: Numbers) -> str:
@@ -263,7 +263,6 @@ def speed(numbers: Numbers) -> str:
     labels = {
         "": "one marker hidden a hand",
         "_all": "nothing hidden",
-        "_contact": "one hidden, and contact",
     }
     rows = [
         [label, *(f"{numbers[f'{hands}{key}_p50_ms']:.2f}" for hands in ("one_hand", "two_hands"))]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bodysense_lab.hmd_vae.options import MODELS, BodyVaeConfig
-from bodysense_lab.hmd_vae.train import sweep_configs
+from bodysense_lab.papers.hmd_vae.options import MODELS, BodyVaeConfig
+from bodysense_lab.papers.hmd_vae.train import sweep_configs
 
 from .blocks import Block, Numbers, markdown
 

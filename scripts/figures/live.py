@@ -9,9 +9,8 @@ HEADER = ("sessions", "Hz", "processes", "in the server p50, p99, ms", "round tr
 
 
 def live(*runs: Numbers | None) -> str:
-    """Return the latency of runs, and results of the soak test and of hostile messages if measured."""
-    *loads, soak, fuzz = runs
-    found = [row for row in loads if row is not None]
+    """Return the latency of runs."""
+    found = [row for row in runs if row is not None]
     rows = [
         [
             f"{row['sessions']:.0f}",
@@ -31,21 +30,8 @@ def live(*runs: Numbers | None) -> str:
             f"A core bears {most[-1]['most_sessions']:.0f} wearers at {most[-1]['rate_hz']:.0f} Hz: one process answers"
             " 99 % of their frames (`bench live --most`)."
         )
-    if soak is not None:
-        parts.append(
-            f"`bench live-soak`: {soak['seconds'] / 60:.0f} minutes of {soak['sessions']:.0f} wearers at "
-            f"{soak['rate']:.0f} Hz, {soak['loss']:.0%} of the frames lost: {soak['answered']:,} of {soak['sent']:,} "
-            f"answered, {soak['breaks']} broken connections, {soak['not_finite']} poses that are no numbers, longest "
-            f"silence {soak['longest_silence_s']:.1f} s, {soak['rss_mb_warm']:.0f} MB at the beginning and "
-            f"{soak['rss_mb_last']:.0f} MB at the end."
-        )
-    if fuzz is not None:
-        parts.append(
-            f"`bench live-fuzz`: {fuzz['frames']:,} messages of {fuzz['connections']:,} clients, {fuzz['refused']:,} "
-            "refused, no failure."
-        )
     return "\n\n".join(parts)
 
 
 _FILES = tuple(f"live-{workers}x{sessions}" for workers, sessions in RUNS)
-BLOCKS = (Block("docs/serve.md", "live", live, _FILES, ("live-soak", "live-fuzz")),)
+BLOCKS = (Block("docs/serve.md", "live", live, _FILES),)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bodysense_lab.unoc.occlusion import PUBLISHED
+from bodysense_lab.papers.unoc.score.occlusion import PUBLISHED
 
 from .blocks import Block, Numbers, markdown
 

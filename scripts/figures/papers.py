@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bodysense_lab.hmd_vae import train as hmd_vae
-from bodysense_lab.hmd_vae.tables import PUBLISHED as QUOTED
-from bodysense_lab.score_table import ScoreTable
-from bodysense_lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS
-from bodysense_lab.unoc.cross_table import SETS as PAPER_SETS
-from bodysense_lab.unoc.smoothness import PUBLISHED as STRONG
-from bodysense_lab.unoc.tables import PLACES, TABLE_2, TABLE_3, TABLE_4
-from bodysense_lab.unoc.upper_body_table import JOINTS as UPPER_JOINTS
-from bodysense_lab.unoc.upper_body_table import SETS as PAPER_UPPER_SETS
-from bodysense_lab.unoc.upper_body_table import published_on
-from bodysense_lab.unoc.variants import TABLES, VARIANTS
+from bodysense_lab.core.score_table import ScoreTable
+from bodysense_lab.papers.hmd_vae import train as hmd_vae
+from bodysense_lab.papers.hmd_vae.tables import PUBLISHED as QUOTED
+from bodysense_lab.papers.unoc.network.variants import TABLES, VARIANTS
+from bodysense_lab.papers.unoc.score.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS
+from bodysense_lab.papers.unoc.score.cross_table import SETS as PAPER_SETS
+from bodysense_lab.papers.unoc.score.smoothness import PUBLISHED as STRONG
+from bodysense_lab.papers.unoc.score.tables import PLACES, TABLE_2, TABLE_3, TABLE_4
+from bodysense_lab.papers.unoc.score.upper_body_table import JOINTS as UPPER_JOINTS
+from bodysense_lab.papers.unoc.score.upper_body_table import SETS as PAPER_UPPER_SETS
+from bodysense_lab.papers.unoc.score.upper_body_table import published_on
 
 from .blocks import Block, Numbers, figure, markdown, sampled
 

@@ -8,20 +8,20 @@ from inspect import signature
 from pathlib import Path
 
 from bodysense.body.arms import HAND_POINTS
-from bodysense.body.glove import ALIGNMENT, MARKERS
-from bodysense.body.hand import FREEDOMS
+from bodysense.body.hands.glove import ALIGNMENT, MARKERS
+from bodysense.body.hands.hand import FREEDOMS
 from bodysense.body.skeleton import BODY
 from bodysense.cli.samples import generate
 from bodysense.devices.simulated.headset_camera import HeadsetCamera
-from bodysense_lab.hmd_vae.frames import HELD_OUT, TRAIN_LENGTH
-from bodysense_lab.hmd_vae.options import BodyVaeConfig
-from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule
-from bodysense_lab.two_hands.occlusion import SHORT
-from bodysense_lab.two_hands.system import SETTINGS
-from bodysense_lab.two_hands.task import PAPER_JOINT_SCHEDULE
-from bodysense_lab.unoc.losses import LossWeights
-from bodysense_lab.unoc.network import PAPER
-from bodysense_lab.unoc.task import BodySchedule
+from bodysense_lab.papers.hmd_vae.frames import HELD_OUT, TRAIN_LENGTH
+from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig
+from bodysense_lab.papers.pahmt.options import ArmNetworkConfig, ArmSchedule
+from bodysense_lab.papers.two_hands.score.occlusion import SHORT
+from bodysense_lab.papers.two_hands.system import SETTINGS
+from bodysense_lab.papers.two_hands.task import PAPER_JOINT_SCHEDULE
+from bodysense_lab.papers.unoc.network.losses import LossWeights
+from bodysense_lab.papers.unoc.network.network import PAPER
+from bodysense_lab.papers.unoc.task import BodySchedule
 
 from .blocks import ROOT
 
@@ -140,8 +140,7 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
         f"{', '.join(f'{_weights(name).stat().st_size / 1e3:.0f}' for name in GLOVE_FILES)} kB"
     ),
     "4.15": lambda at: (
-        f"hands in each other {at('gloves-limits', 'without', 'recorded', 'hands in each other', 'frames, %')} to "
-        f"{at('gloves-limits', 'with', 'recorded', 'hands in each other', 'frames, %')} % of frames"
+        f"hands in each other {at('gloves-limits', 'output', 'recorded', 'hands in each other', 'frames, %')} % of frames"
     ),
 }
 EVALUATED = {  # by row: the block whose commands' hours it has

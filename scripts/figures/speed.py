@@ -28,19 +28,12 @@ def speed(step: Numbers, ik: Numbers, occlusion: Numbers, bvh: Numbers, imported
 
 
 def training(found: Numbers) -> str:
-    """Return the speed of training: the completion network in both precisions, and UNOC's network."""
+    """Return the speed of training the completion network: drawing sequences, and steps."""
     rows = [
-        ["a step of `train completion`, processor time", f"{found['processor_seconds_per_step']:.2f} s"],
-        ["`train completion`, float32", f"{found['float32_steps_per_second']:.2f} steps/s"],
-        ["`train completion`, bfloat16", f"{found['bf16_steps_per_second']:.3f} steps/s"],
-        ["`train completion` as it runs here", f"{found['steps_per_second']:.2f} steps/s"],
-        ["UNOC on windows, which teach one frame each", f"{found['window_frames_per_second']:,.0f} windows/s"],
-        [
-            "UNOC on sequences",
-            f"{found['sequence_frames_per_second']:,.0f} frames/s, {found['ratio']:.0f} times as many",
-        ],
+        ["drawing sequences for `train completion`", f"{found['draw_frames_per_second']:,.0f} frames/s"],
+        ["its steps", f"{found['step_frames_per_second']:,.0f} frames/s"],
     ]
-    return markdown(["training", "figure"], rows)
+    return markdown(["training", "speed"], rows)
 
 
 def first_body(found: Numbers) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bodysense_lab.pahmt.options import TABLE_1
+from bodysense_lab.papers.pahmt.options import TABLE_1
 from bodysense_lab.rendering.tables import PUBLISHED as PAPER
 
 from .blocks import ROOT, Block, Numbers, figure, markdown

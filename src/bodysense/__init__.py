@@ -11,22 +11,23 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from bodysense import demo, metrics
+    from bodysense import demo
     from bodysense.body.person import Person
     from bodysense.body.pose import Pose, forward_kinematics
     from bodysense.body.skeleton import Skeleton, default_skeleton
-    from bodysense.conversion import convert
     from bodysense.devices.gloves.device import glove_device
     from bodysense.devices.simulated.device import Device, simulate
     from bodysense.errors import BodysenseError
-    from bodysense.estimate import Estimate
     from bodysense.io.clip import Clip
+    from bodysense.io.formats.recording import Recording
     from bodysense.io.reading_options import ReadingOptions
-    from bodysense.io.recording import Recording
-    from bodysense.observation import Observation, observe
-    from bodysense.reading import read, write
-    from bodysense.take import Take, track
-    from bodysense.tracker import Tracker, TrackerSettings, step_together
+    from bodysense.observing.observation import Observation, observe
+    from bodysense.quality import metrics
+    from bodysense.sources.conversion import convert
+    from bodysense.sources.reading import read, write
+    from bodysense.takes.take import Take, track
+    from bodysense.tracking.estimate import Estimate
+    from bodysense.tracking.tracker import Tracker, TrackerSettings, step_together
 
 __version__ = "0.1.0"
 __all__ = [
@@ -62,33 +63,33 @@ _HOMES = {
     "BodysenseError": "errors",
     "Clip": "io.clip",
     "Device": "devices.simulated.device",
-    "Estimate": "estimate",
-    "Observation": "observation",
+    "Estimate": "tracking.estimate",
+    "Observation": "observing.observation",
     "Person": "body.person",
     "Pose": "body.pose",
     "ReadingOptions": "io.reading_options",
-    "Recording": "io.recording",
+    "Recording": "io.formats.recording",
     "Skeleton": "body.skeleton",
-    "Take": "take",
-    "Tracker": "tracker",
-    "TrackerSettings": "tracker",
-    "convert": "conversion",
+    "Take": "takes.take",
+    "Tracker": "tracking.tracker",
+    "TrackerSettings": "tracking.tracker",
+    "convert": "sources.conversion",
     "default_skeleton": "body.skeleton",
     "forward_kinematics": "body.pose",
     "glove_device": "devices.gloves.device",
-    "observe": "observation",
-    "read": "reading",
+    "observe": "observing.observation",
+    "read": "sources.reading",
     "simulate": "devices.simulated.device",
-    "step_together": "tracker",
-    "track": "take",
-    "write": "reading",
+    "step_together": "tracking.tracker",
+    "track": "takes.take",
+    "write": "sources.reading",
 }
-_MODULES = ("demo", "metrics")  # public as modules
+_MODULES = {"demo": "demo", "metrics": "quality.metrics"}  # public as modules
 
 
 def __getattr__(name: str) -> Any:
     if name in _MODULES:
-        return import_module(f"bodysense.{name}")
+        return import_module(f"bodysense.{_MODULES[name]}")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f"bodysense.{_HOMES[name]}"), name)

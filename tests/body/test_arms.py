@@ -8,9 +8,9 @@ import pytest
 from bodysense.body.arms import ARM_JOINTS, CHEST, HAND_POINTS, arm_rotations, arm_skeleton, with_arms
 from bodysense.body.body_joints import body_skeleton
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import normalize, quaternion_conjugate, quaternion_rotate
 
 
 def random_pose(batch: tuple[int, ...], seed: int = 0) -> Pose:

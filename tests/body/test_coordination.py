@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from bodysense.body import gaps
 from bodysense.body.coordination import NOISE, ROOT, Coordination, coordination, deviations
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 
 RATE = 30.0
 

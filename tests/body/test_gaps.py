@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodysense.body.gaps import Trust, fill, interpolate, interpolate_positions, runs
-from bodysense.body.rotation import (
+from bodysense.geometry.rotation import (
     geodesic_angle,
     quaternion_canonical,
     quaternion_conjugate,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.glove import (
+from bodysense.body.hands.glove import (
     ALIGNMENT,
     MARKERS,
     Glove,
@@ -20,7 +20,7 @@ from bodysense.body.glove import (
     standard_marker,
     template,
 )
-from bodysense.body.hand import glove_hands, glove_marker, hand_skeleton, limits, rotations_of
+from bodysense.body.hands.hand import glove_hands, glove_marker, hand_skeleton, limits, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodysense.body.glove import default_glove, glove_of, template
-from bodysense.body.glove_set import packaged_sets, parse_set, read_set, standard_set
-from bodysense.body.hand import hand_skeleton
+from bodysense.body.hands.glove import default_glove, glove_of, template
+from bodysense.body.hands.glove_set import packaged_sets, parse_set, read_set, standard_set
+from bodysense.body.hands.hand import hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.hand import (
+from bodysense.body.hands.hand import (
     FINGERS,
     FINGERTIPS,
     FREEDOMS,
@@ -28,9 +28,9 @@ from bodysense.body.hand import (
     rotations_of,
 )
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle, quaternion_canonical
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle, quaternion_canonical
 
 BODY = default_skeleton()
 HAND = hand_skeleton(BODY, "left")

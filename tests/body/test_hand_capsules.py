@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bodysense.body.capsules import fit_primitives
-from bodysense.body.hand import FINGERS, hand_skeleton, limits, rotations_of
-from bodysense.body.hand_capsules import (
+from bodysense.body.hands.hand import FINGERS, hand_skeleton, limits, rotations_of
+from bodysense.body.hands.hand_capsules import (
     GIVE,
     NAMES,
     capsule_axes,

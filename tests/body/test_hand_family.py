@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.glove import MARKERS, hand_size, marker_positions
-from bodysense.body.hand import HAND_JOINTS, hand_skeleton
-from bodysense.body.hand_family import (
+from bodysense.body.hands.glove import MARKERS, hand_size, marker_positions
+from bodysense.body.hands.hand import HAND_JOINTS, hand_skeleton
+from bodysense.body.hands.hand_family import (
     COUNT,
     body_with_hand,
     draw_hand,

@@ -16,17 +16,17 @@ from bodysense.body.body_joints import body_skeleton
 from bodysense.body.ik import IkSettings, IkState, InverseKinematics, solve_sequence
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.posture import posture
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import (
     geodesic_angle,
     quaternion_exp,
     quaternion_log,
     quaternion_multiply,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.reading import read
+from bodysense.sources.reading import read
 
 BODY = default_skeleton()
 IK = InverseKinematics(BODY)

@@ -18,8 +18,8 @@ from bodysense.body.keypoints import (
     torso_rotation,
 )
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 
 

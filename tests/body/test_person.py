@@ -15,10 +15,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bodysense.body.person import FORMAT, Person
-from bodysense.body.rigid import RigidTransform
 from bodysense.body.shape import Measured, shape_space, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rigid import RigidTransform
 
 SETTINGS = settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 MOUNTS = {

@@ -10,12 +10,12 @@ import pytest
 import torch
 
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.geometry.rotation import (
     geodesic_angle,
     quaternion_exp,
     quaternion_to_matrix,
 )
-from bodysense.body.skeleton import Skeleton, default_skeleton
 
 BODY = default_skeleton()
 SHAPES = [(), (3, 1, 2), (0,)]

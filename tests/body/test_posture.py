@@ -7,8 +7,8 @@ import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.posture import posture
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.geometry.rotation import quaternion_exp
 
 
 def test_every_joint_of_the_default_skeleton_but_the_root_has_a_range() -> None:

@@ -9,9 +9,9 @@ from bodysense.body.footing import side_clearance
 from bodysense.body.pose import forward_kinematics, rest_pose
 from bodysense.body.reach import reach
 from bodysense.body.retarget import leg_length, transfer_motion
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.resting import hand_length, local_offset, resting_offset
-from bodysense.body.rotation import normalize
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import normalize
 
 SKELETON = default_skeleton()
 HEAD = SKELETON.index("head")

@@ -13,7 +13,7 @@ from bodysense.body.retarget import leg_length, retarget
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense_lab.augment import with_limb_proportions
+from bodysense_lab.data.augment import with_limb_proportions
 
 SKELETON = default_skeleton()
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
 
 from ..conftest import Refused
 

@@ -16,8 +16,8 @@ from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
-from bodysense.io.bvh import read_bvh, write_bvh
-from bodysense.io.recording import read_recording, write_recording
+from bodysense.io.formats.bvh import read_bvh, write_bvh
+from bodysense.io.formats.recording import read_recording, write_recording
 
 
 @pytest.mark.parametrize("ending", ["npz", "jsonl"])

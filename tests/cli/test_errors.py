@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.recording import Recording, write_recording
+from bodysense.io.formats.bvh import write_bvh
+from bodysense.io.formats.recording import Recording, write_recording
 
 
 def files(folder: Path) -> list[str]:

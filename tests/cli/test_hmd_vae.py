@@ -10,9 +10,9 @@ import pytest
 from bodysense.cli.samples import write_samples
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.recording import Recording
+from bodysense.io.formats.bvh import read_bvh
+from bodysense.io.formats.recording import Recording
 
 
 @pytest.mark.slow

@@ -10,22 +10,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.body.glove import glove_points
-from bodysense.body.hand import FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations
+from bodysense.body.hands.glove import glove_points
+from bodysense.body.hands.hand import FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations
 from bodysense.body.pose import forward_kinematics
 from bodysense.cli import main
 from bodysense.devices.gloves import device, hands
 from bodysense.devices.simulated import sensors
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
-from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.markers.c3d import write_c3d
+from bodysense.io.formats.bvh import read_bvh
+from bodysense.io.formats.recording import Recording, read_recording, write_recording
 from bodysense.io.markers.files import write_markers
+from bodysense.io.markers.formats.c3d import write_c3d
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.io.markers.recording import read_markers
-from bodysense.io.recording import Recording, read_recording, write_recording
-from bodysense.observation import Observation, chosen_points
+from bodysense.observing.observation import Observation, chosen_points
 
 Command = Callable[..., str]
 
@@ -91,8 +91,8 @@ def test_gloves_become_a_body(files: Path, motion: Path, run: Command, ending: s
 
 
 def test_finger_columns_are_gloves(files: Path, run: Command, gloves: Observation, short_clip: Clip) -> None:
-    from bodysense.body.hand import hand_skeleton
-    from bodysense.body.rotation import geodesic_angle
+    from bodysense.body.hands.hand import hand_skeleton
+    from bodysense.geometry.rotation import geodesic_angle
 
     run("track", files / "gloves.npz", "-o", files / "hands.bvh")
     pose, skeleton = read_bvh(files / "hands.bvh").pose, short_clip.pose.skeleton
@@ -131,7 +131,7 @@ def test_names_units_and_axes(files: Path, motion: Path, gloves: Observation, ru
     theirs = tuple(f"M{k}" for k in range(18))
     # As of another program: millimetres, +Z up, left-handed, names of its own.
     other = gloves.position[..., [0, 2, 1]] * [-1, -1, 1] * 1000
-    from bodysense.io.markers.csv_table import write_csv
+    from bodysense.io.markers.formats.csv_table import write_csv
 
     write_csv(files / "other.csv", replace(gloves, points=theirs, position=other))
     (files / "names.json").write_text(json.dumps(dict(zip(theirs, gloves.points, strict=True))))

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense import filling
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
-from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import read_bvh, write_bvh
 from bodysense.io.motion_files import write_motion
+from bodysense.sources import partial_motion
 
 
 @pytest.fixture
@@ -212,7 +212,7 @@ def test_convert_warns_of_limbs_that_are_held_still(
     elbow = clip.pose.skeleton.index("left_elbow")
     rotation[5:, elbow] = rotation[5, elbow]
     write_bvh(whole, replace(clip, pose=replace(clip.pose, rotation=rotation)))
-    monkeypatch.setattr(filling, "read_rigged", None)  # the file's rig is recognised once
+    monkeypatch.setattr(partial_motion, "read_rigged", None)  # the file's rig is recognised once
     assert main(["convert", str(whole), "-o", str(out), "--json", str(tmp_path / "out.json")]) == 0
     output, (line,) = capsys.readouterr().err, json.loads((tmp_path / "out.json").read_text())["warnings"]
     assert f"WARNING: {line}" in output and "WARNING: limbs are held still" in output and "left_elbow 2" in output

@@ -11,8 +11,8 @@ import pytest
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.cli.recordings import load_clip
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
 from bodysense.io.reading_options import AS_FOUND
 
 

@@ -21,15 +21,16 @@ import pytest
 from split_people import write_people
 
 from bodysense.cli import main
-from bodysense.completion.model import load_completion
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source
-from bodysense.tracker import Tracker
-from bodysense_lab import clips, fit, sweep
+from bodysense.tracking.model import load_completion
+from bodysense.tracking.tracker import Tracker
 from bodysense_lab.commands import train
-from bodysense_lab.completion import publish
+from bodysense_lab.completion.networks import publish
+from bodysense_lab.core import fit, sweep
+from bodysense_lab.data import clips
 
 FIRST_LINE = 20.0  # s of a processor from the command to its first line
 # Files that each training writes next to --out, its log, and options for a small network.
@@ -61,7 +62,7 @@ def export(*given, **options):
 if __name__ == "__main__":
     for module in ("unoc", "hmd_vae", "pahmt"):
         importlib.import_module(f"bodysense_lab.{module}.export").export = export
-    importlib.import_module("bodysense_lab.two_hands.train").export = export
+    importlib.import_module("bodysense_lab.papers.two_hands.train").export = export
     for command in sys.argv[1:]:
         if main(shlex.split(command)):
             sys.exit(command)

@@ -10,8 +10,8 @@ import pytest
 
 from bodysense.cli import main
 from bodysense.devices.video.pictures import Picture
-from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import read_bvh
 
 av = pytest.importorskip("av")
 pytestmark = pytest.mark.skipif(find_spec("mediapipe") is None, reason="needs mediapipe, of the extra video")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
+from bodysense.geometry.rotation import quaternion_exp
 from bodysense_conform.sources.files import pose_subject
 from bodysense_conform.subject import SIDES, Step, Subject, Transport, is_finger
 
@@ -166,12 +166,14 @@ def given_out(pose: Pose, steps: Sequence[Step]) -> Subject:
         k for k, name in enumerate(subject.points) if name.startswith("left") and (is_finger(name) or "wrist" in name)
     ]
     measured[LOST, hand] = False
+    palms = [name in BODY or name.endswith(("_index1", "_pinky1")) for name in subject.points]
     transport = Transport(
         messages=len(time),
         log_time=time + 0.02,
         available=time + 0.02,
         device_time=time + 7.0,
-        all_tracked=np.asarray(valid[:, [name in BODY for name in subject.points]].all(axis=1)),
+        all_tracked=np.asarray(valid[:, palms].all(axis=1)),
+        all_valid=np.asarray(valid[:, palms].all(axis=1)),
     )
     return replace(
         subject, steps=tuple(steps), valid=valid, measured=measured, floor=0.0, transport=transport, sha256="0" * 64

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense_conform.subject import SIDES, Step, Subject, is_finger
 
 from .conftest import about, given_out
@@ -87,7 +87,7 @@ def kept(subject: Subject, frames: np.ndarray) -> Subject:
         values = {name: getattr(part, name) for name in names}
         return {name: None if value is None else value[frames] for name, value in values.items()}
 
-    clocks = cut(subject.transport, "log_time", "available", "device_time", "all_tracked")
+    clocks = cut(subject.transport, "log_time", "available", "device_time", "all_tracked", "all_valid")
     rows = cut(subject, "time", "position", "rotation", "valid", "measured")
     return replace(subject, **rows, transport=replace(subject.transport, **clocks))
 
@@ -228,12 +228,17 @@ NAMED = (
     Defect("tremor of a wrist (mm)", lambda p, x: _noise(p.subject, x, "left_wrist"), 5, 5, ("motion.tremor",)),
     Defect("tremor of the body (mm)", lambda p, x: _noise(p.subject, x, "pelvis"), 5, 5, ("motion.tremor",)),
     Defect("gliding feet (cm)", lambda p, x: _glide(p.subject, x), 10, 10, ("floor.glide",)),
-    Defect(
-        "spike of a wrist (cm)",
-        lambda p, x: shift(p.subject, below("left_wrist"), [0, 0, x / 100], slice(100, 101)),
-        30,
-        28,
-        ("motion.spike",),
+    *(
+        Defect(
+            f"spike of a wrist over {frames} frames (cm)",
+            lambda p, x, frames=frames: shift(
+                p.subject, below("left_wrist"), [0, 0, x / 100], slice(100, 100 + frames)
+            ),
+            30,
+            28,
+            ("motion.spike",),
+        )
+        for frames in (1, 2, 3)
     ),
 )
 """Defects whose smallest size is searched."""
@@ -368,6 +373,9 @@ OTHERS: dict[str, Callable[[Performance], Subject]] = {
     ),
     "hands.order": lambda p: _swapped(p.subject, "left_index1", "left_ring1"),
     "hands.size": lambda p: p.scaled({name: 2.0 for name in p.subject.points if is_finger(name)}),
+    "joints.knees_fold": lambda p: _steps(p, "left_leg_raise", {"left_hip": about(-60), "left_knee": about(-60)}),
+    "data.flag": lambda p: replace(p.subject, transport=replace(p.subject.transport, all_valid=np.zeros(len(p.subject), dtype=bool))),
+    "motion.repeats": lambda p: _twice(p.subject, 0.9),
     "stand.knees": lambda p: _steps(p, "stand", {"left_hip": about(-35), "left_knee": about(35)}),
     "squat.symmetry": lambda p: _steps(p, "squat", {"left_hip": about(-5), "left_knee": about(5)}),
     "march.lifts": lambda p: _steps(

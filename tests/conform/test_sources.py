@@ -16,10 +16,10 @@ from bodysense.body.pose import Pose
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.mcap_take import BODY_JOINTS, BODY_LAYOUT
-from bodysense.io.mcap_take import record as mcap_record
+from bodysense.io.formats.mcap_take import BODY_JOINTS, BODY_LAYOUT
+from bodysense.io.formats.mcap_take import record as mcap_record
+from bodysense.io.formats.protocol import PoseFrame, write_pose
 from bodysense.io.motion_files import write_motion
-from bodysense.io.protocol import PoseFrame, write_pose
 from bodysense_conform.evaluate import judge
 from bodysense_conform.report.html import page
 from bodysense_conform.report.text import record
@@ -29,7 +29,7 @@ from bodysense_conform.sources.mcap_take import read_mcap, read_record
 from bodysense_conform.sources.vmc import vmc_subject
 from bodysense_conform.sources.websocket import messages_subject
 from bodysense_conform.subject import Step, Subject
-from bodysense_live.vmc import vmc_packets
+from bodysense_live.protocols.vmc import vmc_packets
 
 from .conftest import RATE
 

@@ -12,8 +12,8 @@ from figures.conform import BLOCKS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.demo import packaged_performance, performance_of_unseen_body
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense_conform.evaluate import Verdict, find, judge, reduced
@@ -91,13 +91,13 @@ def test_heading_place_and_signs_of_quaternions_do_not_matter(
 def test_hands_that_are_honestly_missing_do_not_fail(clean: Subject, garbage: float, with_wrists: bool) -> None:
     missing = np.array([is_finger(name) or (with_wrists and "wrist" in name) for name in clean.points])
     valid = clean.valid & ~missing
-    flags = np.zeros(len(clean), dtype=bool) if with_wrists else clean.transport.all_tracked
+    flags = np.zeros(len(clean), dtype=bool)  # the summary is of the body and the hands
     subject = replace(
         clean,
         valid=valid,
         position=np.where(missing[:, None], garbage, clean.position),
         rotation=np.where(missing[:, None], garbage, clean.rotation),
-        transport=replace(clean.transport, all_tracked=flags),
+        transport=replace(clean.transport, all_tracked=flags, all_valid=flags),
     )
     verdict = judge(subject)
     assert verdict.judgement == "pass", _faults(verdict)

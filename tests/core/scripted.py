@@ -8,11 +8,11 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import euler_to_quaternion, slerp, smooth_step
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
-from bodysense.estimate import Estimate
-from bodysense.tracker import Tracker
+from bodysense.geometry.rotation import euler_to_quaternion, slerp, smooth_step
+from bodysense.tracking.estimate import Estimate
+from bodysense.tracking.tracker import Tracker
 
 RATE = 30.0
 SIDES = ("left", "right")

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from bodysense.body.person import Person
-from bodysense.completion import core
-from bodysense.completion.model import packaged_model
 from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
-from bodysense.tracker import Tracker, TrackerSettings, step_together
+from bodysense.observing.observation import Observation
+from bodysense.tracking import core
+from bodysense.tracking.model import packaged_model
+from bodysense.tracking.tracker import Tracker, TrackerSettings, step_together
 
 MOST_PEOPLE = 4096  # BS_MOST_PEOPLE
 

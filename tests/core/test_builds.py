@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 import bodysense as bs
-from bodysense.completion.model import PACKAGED
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.io.clip import Clip
-from bodysense.io.recording import Recording
+from bodysense.io.formats.recording import Recording
+from bodysense.tracking.model import PACKAGED
 
 ROOT = Path(__file__).parents[2]
 WEIGHTS = ROOT / "src" / "bodysense" / "weights" / PACKAGED

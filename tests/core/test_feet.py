@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import SensorSet
-from bodysense_lab.completion.rare_poses import rare_pose
+from bodysense_lab.completion.score.rare_poses import rare_pose
 
 from .scripted import body_of, bowing, feet, over_rest, tracked
 

@@ -13,13 +13,13 @@ from hypothesis import strategies as st
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY
-from bodysense.completion.model import load_completion
 from bodysense.demo import packaged_performance
-from bodysense.observation import HEADSET_ACCURACY, Observation, accuracy_like
-from bodysense.tracker import Tracker
-from bodysense_lab.completion.weights_file import read_safetensors, safetensors_bytes
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.observing.observation import HEADSET_ACCURACY, Observation, accuracy_like
+from bodysense.tracking.model import load_completion
+from bodysense.tracking.tracker import Tracker
+from bodysense_lab.completion.networks.weights_file import read_safetensors, safetensors_bytes
 
 FRAMES, WALKING, TURN = 150, 15, np.array([0.0, np.pi / 2, 0.0])
 JOINTS = ("pelvis", "spine3", *(f"{side}_{name}" for side in ("left", "right") for name in ("wrist", "ankle", "knee")))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion import core
+from bodysense.tracking import core
 
 ROOT = Path(__file__).parents[2]
 HEADER, ENGINES = ROOT / "core" / "include" / "bodysense.h", ROOT / "extras" / "engines"

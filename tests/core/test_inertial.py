@@ -9,7 +9,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
-from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.tracking.tracker import Tracker, TrackerSettings
 
 FRAMES, FLOOR, UP = 150, 0.4, np.array([0.0, 1.0, 0.0])  # m
 BODY = ("pelvis", "spine3", "left_hip", "right_hip", "left_knee", "right_knee", "left_elbow", "right_elbow")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
 from bodysense.demo import packaged_performance
+from bodysense.geometry.rotation import quaternion_canonical
 
 from .scripted import tracked
 

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodysense.body.rotation import normalize, quaternion_exp, quaternion_to_matrix
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.completion.weights_file import read_safetensors, safetensors_bytes
+from bodysense.geometry.rotation import normalize, quaternion_exp, quaternion_to_matrix
+from bodysense_lab.completion.networks.weights_file import read_safetensors, safetensors_bytes
 
 from .network_library import BODY, PREDICTION, TRACKED, NetworkLibrary, compiled, filled, open_library
 from .twin.points import HEAD, rest_height

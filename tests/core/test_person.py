@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from bodysense.body.person import Person
-from bodysense.body.rigid import RigidTransform
-from bodysense.completion import core
-from bodysense.completion.model import packaged_model
 from bodysense.errors import BodysenseError
-from bodysense.tracker import Tracker
+from bodysense.geometry.rigid import RigidTransform
+from bodysense.tracking import core
+from bodysense.tracking.model import packaged_model
+from bodysense.tracking.tracker import Tracker
 
 
 @pytest.mark.parametrize("far", [3.0, -1e30])

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from bodysense.body.rotation import quaternion_to_matrix
-from bodysense.tracker import Tracker, TrackerState
+from bodysense.geometry.rotation import quaternion_to_matrix
+from bodysense.tracking.tracker import Tracker, TrackerState
 
 from .twin.cases import DEVICES, Case, cases, observation_of, person_of
 from .twin.points import HAND_JOINTS

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor
 
-from bodysense_lab.completion.features import Before, TrackedSignal, mirror_indices, mirror_signs
-from bodysense_lab.completion.fingers import FingerNetwork, FingerSignal
-from bodysense_lab.completion.network import CompletionNetwork, orthonormal
-from bodysense_lab.completion.weights_file import read_weights
+from bodysense_lab.completion.networks.features import Before, TrackedSignal, mirror_indices, mirror_signs
+from bodysense_lab.completion.networks.fingers import FingerNetwork, FingerSignal
+from bodysense_lab.completion.networks.network import CompletionNetwork, orthonormal
+from bodysense_lab.completion.networks.weights_file import read_weights
 
 from .twin import features
 from .twin.body import Body, empty_body, place

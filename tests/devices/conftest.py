@@ -10,14 +10,14 @@ import pytest
 
 from bodysense.body.arms import ARM_JOINTS, SIDES
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.network import Network
 from bodysense.devices.video.arms import ArmModel, Arms, ArmSettings
 from bodysense.devices.video.device import POINTS, VideoDevice, VideoFrames, VideoSettings
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
-from bodysense.observation import Observation, check_observation
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
+from bodysense.observing.observation import Observation, check_observation
+from bodysense.weights.network import Network
 
 SKELETON = default_skeleton()
 PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle", "toe")

@@ -19,14 +19,14 @@ import pytest
 
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
+from bodysense.io.formats.bvh import read_bvh
+from bodysense.io.formats.gltf.humanoid import VRM_BONES, unity_bone
+from bodysense.io.formats.osc import bundled, message_bytes
 from bodysense.io.holes import missing_items
 from bodysense.io.motion_files import write_motion
-from bodysense.io.osc import bundled, message_bytes
 from bodysense.io.target_rigs.named import MIXAMO, RIGIFY, UNREAL
-from bodysense_live.vmc import vmc_packets
+from bodysense_live.protocols.vmc import vmc_packets
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "extras" / "blender"

@@ -19,7 +19,7 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
 from bodysense.io.clip import Clip
 from bodysense.io.motion_files import write_motion
-from bodysense_live.vmc import vmc_packets
+from bodysense_live.protocols.vmc import vmc_packets
 
 pytestmark = [pytest.mark.slow, pytest.mark.blender]
 ROOT = Path(__file__).parents[2]

@@ -22,7 +22,7 @@ import build_image
 import numpy as np
 import pytest
 
-from bodysense.io.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
+from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
 
 ROOT = Path(__file__).parents[2]
 BASE = 130  # MB, of python:3.11-slim unpacked

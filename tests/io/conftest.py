@@ -17,9 +17,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose
-from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply
-from bodysense.body.rotation import quaternion_rotate as rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply
+from bodysense.geometry.rotation import quaternion_rotate as rotate
 from bodysense.io.clip import Clip
 
 sys.path.insert(0, str(Path(__file__).parent))  # helpers of these tests are modules beside them

@@ -10,11 +10,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle, quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.amass import read_amass
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp
 from bodysense.io.fingers import is_finger, relaxed_rotation
+from bodysense.io.formats.amass import read_amass
 
 TO_Z_UP = Rotation.from_euler("X", 90, degrees=True)  # the rest body of our world, stood up in AMASS's
 

@@ -12,8 +12,8 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
 from bodysense.io.rigged import read_rigged
 
 IMPORT = """

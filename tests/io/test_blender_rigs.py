@@ -12,10 +12,10 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
-from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import read_bvh, write_bvh
 from bodysense.io.motion_files import write_motion
-from bodysense.take import track
+from bodysense.takes.take import track
 
 pytestmark = [pytest.mark.slow, pytest.mark.blender]
 FRAMES = 10

@@ -10,7 +10,7 @@ from smpl_people import PELVIS, SKELETON, betas_of, made_up_model
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.body_model import model_for, read_model
+from bodysense.io.formats.body_model import model_for, read_model
 
 
 def test_bones_and_soles_are_those_of_the_shaped_template(tmp_path: Path) -> None:

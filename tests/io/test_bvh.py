@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import read_bvh, write_bvh
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import read_bvh, write_bvh
 
 SMALL = """HIERARCHY
 ROOT Hips

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import BvhStream, read_bvh, write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import BvhStream, read_bvh, write_bvh
 from bodysense.io.resample import at_constant_rate
 
 

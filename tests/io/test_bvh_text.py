@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh_text import BvhFile, euler_near, open_bvh
+from bodysense.geometry.rotation import geodesic_angle
+from bodysense.io.formats.bvh_text import BvhFile, euler_near, open_bvh
 
 TEXT = """HIERARCHY\r
 ROOT Hips\r

@@ -12,9 +12,9 @@ from rig_files import joints_in
 from turned_joints import about, both
 
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose
-from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import is_finger, relaxed_rotation
 from bodysense.io.rigs.canonical import canonical as canonical_of
@@ -221,7 +221,7 @@ def test_missing_joints_go_with_a_parent_that_was_turned(make_clip) -> None:
 
 def along_x(clip: Clip) -> Clip:
     """The clip on frames as LaFAN1 has them: each joint's X axis along its bone."""
-    from bodysense.body.rotation import shortest_arc
+    from bodysense.geometry.rotation import shortest_arc
 
     ours = default_skeleton()
     frame = np.tile([1.0, 0, 0, 0], (len(ours.joints), 1))
@@ -234,7 +234,7 @@ def along_x(clip: Clip) -> Clip:
         )
     frame[0] = shortest_arc(np.array([1.0, 0, 0]), np.array([0.0, 1, 0]))
     frame[0] = quaternion_multiply(frame[0], about("X", 90))  # X up, Y forward, Z left
-    from bodysense.body.rotation import quaternion_conjugate, quaternion_rotate
+    from bodysense.geometry.rotation import quaternion_conjugate, quaternion_rotate
 
     parents = np.array(ours.parents)
     offset = ours.rest_offset.copy()
@@ -285,7 +285,7 @@ def test_completing_a_skeleton_scales_the_rest() -> None:
 
 
 def test_real_bvh_files_pass_through_unbent(motion_data) -> None:
-    from bodysense.io.bvh import read_bvh
+    from bodysense.io.formats.bvh import read_bvh
 
     source = read_bvh(motion_data / "rocketbox" / "f_sit_chair_idle_dust.bvh")
     result = canonical(source)

@@ -8,7 +8,7 @@ import pytest
 
 from bodysense.errors import BodysenseError
 from bodysense.io.datasets.catalogue import CATALOGUE
-from bodysense_lab.datasets import catalogue_entry, require_data
+from bodysense_lab.data.datasets import catalogue_entry, require_data
 
 
 def test_every_set_says_where_it_is_and_under_which_licence() -> None:

@@ -17,10 +17,10 @@ from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.device import simulate
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
+from bodysense.io.formats.recording import Recording
 from bodysense.io.markers.files import write_markers
-from bodysense.io.recording import Recording
-from bodysense.observation import Observation
-from bodysense.reading import read, write
+from bodysense.observing.observation import Observation
+from bodysense.sources.reading import read, write
 from bodysense_conform.sources.mcap_take import read_mcap
 
 WRITTEN = ("a.bvh", "a.glb", "a.vrma", "a.mcap")

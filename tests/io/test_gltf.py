@@ -14,16 +14,16 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY
 from bodysense.demo import performance_of_unseen_body
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.motion import figure_of_gltf, read_gltf
+from bodysense.io.formats.gltf.motion import figure_of_gltf, read_gltf
 from bodysense.io.motion_files import write_motion
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.rigs.rig import recognise
-from bodysense.reading import read
+from bodysense.sources.reading import read
 
 MIXAMO = {
     "pelvis": "mixamorig:Hips", "spine1": "mixamorig:Spine", "spine2": "mixamorig:Spine1", "spine3": "mixamorig:Spine2",

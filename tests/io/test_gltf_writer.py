@@ -17,8 +17,8 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.body.skin import fit_skin, place_skin
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.vrma import write_vrma
-from bodysense.io.gltf.writer import skin_mesh, write_glb
+from bodysense.io.formats.gltf.vrma import write_vrma
+from bodysense.io.formats.gltf.writer import skin_mesh, write_glb
 from bodysense.io.motion_files import ENDINGS, check_ending, write_motion
 
 TYPES = {5126: "<f4", 5121: "u1", 5125: "<u4"}
@@ -170,7 +170,7 @@ def test_a_vrm_animation_has_vrms_bones_in_its_t_pose(roaming: Clip, tmp_path: P
         nodes[channel["target"]["node"]]["name"] for channel in channels if channel["target"]["path"] != "rotation"
     ]
     assert moving == ["hips"]
-    from bodysense.io.gltf.humanoid import VRM_BONES
+    from bodysense.io.formats.gltf.humanoid import VRM_BONES
 
     check_places(file, roaming, VRM_BONES)
 

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
-from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
+from bodysense.io.formats.bvh_text import BvhFile, open_bvh
 from bodysense.io.holes import Missing, below, flat_lined, missing_items, missing_mask
 from bodysense.io.rigged import read_rigged
 from bodysense.io.target_rigs.own_rig import SourceJoints, joints_of_file

@@ -9,7 +9,7 @@ from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
+from bodysense.io.formats.gltf.humanoid import VRM_BONES, check_humanoid, t_posed, unity_bone
 
 # VRM 1.0, humanoid: the bones a model must have.
 REQUIRED = {"hips", "spine", "head"} | {

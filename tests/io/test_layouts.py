@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.archive import motion_files
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.layouts import LAYOUTS, layout_of
 from bodysense.io.datasets.sources import list_sources, read_source
 from bodysense.io.datasets.splits import split_of
-from bodysense.reading import read
-from bodysense_lab.clips import open_clips
+from bodysense.io.formats.archive import motion_files
+from bodysense.sources.reading import read
+from bodysense_lab.data.clips import open_clips
 
 MILLIMETRE = 1e-3
 
@@ -123,7 +123,7 @@ def test_a_folder_of_another_layout(mixamo, layout, message: str) -> None:
 
 def test_a_store_of_zip_files_is_that_of_the_same_files_unpacked(talking_with_hands, tmp_path: Path) -> None:
     pytest.importorskip("zarr", reason="needs packages/lab")
-    from bodysense_lab.preparation import prepare
+    from bodysense_lab.data.preparation import prepare
 
     folder = talking_with_hands.folder
     zipped = prepare(folder, tmp_path / "zipped.zarr", rate=30.0, workers=1)
@@ -203,7 +203,7 @@ def test_a_zip_file_for_a_motion(tmp_path: Path) -> None:
 
 def test_a_bad_zip_file_is_skipped_by_prepare_and_named(talking_with_hands, tmp_path: Path, capsys) -> None:
     pytest.importorskip("zarr", reason="needs packages/lab")
-    from bodysense_lab import preparation
+    from bodysense_lab.data import preparation
 
     folder = talking_with_hands.folder
     (folder / "mocap_data" / "session2" / "take4.zip").write_text("not a zip file")

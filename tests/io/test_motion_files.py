@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.io.bvh import read_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import read_bvh
 from bodysense.io.motion_files import motion_stream, write_motion
 
 

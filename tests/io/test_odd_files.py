@@ -16,8 +16,8 @@ from test_rigs import beast, of, renamed
 
 import bodysense
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 
 TRUNK = spine("Hips", "Spine Chest", "spine1 spine3") + leg("Hips", "*UpLeg", "*Leg", "*Foot", "*Toe")

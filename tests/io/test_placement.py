@@ -18,9 +18,9 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source, read_source
 from bodysense.io.placement import BodyPlacement, footing_of, placement_of, read_with_placement, standing_floor
 from bodysense.io.reading_options import ReadingOptions
-from bodysense.open import open_source
-from bodysense_lab.bodies import body_lines, pool_footings
-from bodysense_lab.clips import open_clips
+from bodysense.sources.open import open_source
+from bodysense_lab.data.bodies import body_lines, pool_footings
+from bodysense_lab.data.clips import open_clips
 
 TO_Y_UP = np.array([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 PEOPLE = [(1.55, 0.10), (1.90, -0.12)]  # height, and that of the floor in the file, m
@@ -153,7 +153,7 @@ def test_motions_of_a_person_are_pooled(tmp_path: Path) -> None:
 
 
 def _bare(path: Path) -> Clip:
-    from bodysense.io.amass import read_amass
+    from bodysense.io.formats.amass import read_amass
 
     return read_amass(path)
 

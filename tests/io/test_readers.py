@@ -14,9 +14,9 @@ from PIL import Image
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.demo import packaged_performance
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.humanoid import VRM_BONES, t_posed
-from bodysense.io.gltf.vrma import write_vrma
-from bodysense.io.gltf.writer import write_glb
+from bodysense.io.formats.gltf.humanoid import VRM_BONES, t_posed
+from bodysense.io.formats.gltf.vrma import write_vrma
+from bodysense.io.formats.gltf.writer import write_glb
 
 MODULES = Path(__file__).parents[2] / "web" / "node_modules"
 VALIDATE = """

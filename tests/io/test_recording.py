@@ -16,8 +16,8 @@ from hypothesis.extra import numpy as arrays
 
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.recording import FORMAT, Recording, is_recording, read_recording, write_recording
-from bodysense.observation import HEADSET_ACCURACY, TRACKER_ACCURACY, Observation
+from bodysense.io.formats.recording import FORMAT, Recording, is_recording, read_recording, write_recording
+from bodysense.observing.observation import HEADSET_ACCURACY, TRACKER_ACCURACY, Observation
 
 SKELETON = Skeleton(
     ("pelvis", "neck", "head"),

@@ -9,8 +9,8 @@ import pytest
 from turned_joints import about, both
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.rest_pose import UPRIGHT, Stance, standing_rest

@@ -10,17 +10,17 @@ from rig_files import held_still, mapped, motion, read_plainly, write
 from rig_layouts import LAYOUTS
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import sample_bodies
-from bodysense.io.bvh import write_bvh
-from bodysense.io.bvh_text import open_bvh
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
+from bodysense.io.formats.bvh_text import open_bvh
 from bodysense.io.rigged import read_rigged
 from bodysense.io.target_rigs.named import on_rig as under_names
 from bodysense.io.target_rigs.named import renamed
 from bodysense.io.target_rigs.own_rig import on_rig, write_on_rig_of
-from bodysense.reading import read
-from bodysense.take import track
+from bodysense.sources.reading import read
+from bodysense.takes.take import track
 
 EXACT = (
     "Mixamo",

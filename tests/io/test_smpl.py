@@ -11,12 +11,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
-from bodysense.io.smpl import is_smpl, read_smpl
-from bodysense.reading import read
+from bodysense.io.formats.smpl import is_smpl, read_smpl
+from bodysense.sources.reading import read
 
 BODY, HAND = 22, 15
 

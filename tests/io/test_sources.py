@@ -10,10 +10,10 @@ import pytest
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
 from bodysense.io.datasets.sources import Source, list_sources, read_source, skeleton_from_entry
 from bodysense.io.datasets.splits import SPLITS, split_of
-from bodysense_lab.clips import open_clips
+from bodysense.io.formats.bvh import write_bvh
+from bodysense_lab.data.clips import open_clips
 
 
 def save_amass(path: Path, frames: int = 5, seed: int = 0) -> Path:

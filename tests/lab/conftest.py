@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense.observation import Observation, check_observation
-from bodysense_lab.datasets import DataSet
+from bodysense.io.formats.bvh import write_bvh
+from bodysense.observing.observation import Observation, check_observation
+from bodysense_lab.data.datasets import DataSet
 
 from ..conftest import ExportedOnce
 
@@ -54,8 +54,13 @@ def untrained_gloves(exported_once: ExportedOnce) -> Path:
     """Return a folder with both networks of gloves, small and untrained."""
     import torch
 
-    from bodysense_lab.two_hands.network import JointNetwork, JointNetworkConfig, MarkerNetwork, MarkerNetworkConfig
-    from bodysense_lab.two_hands.train import write_glove_network
+    from bodysense_lab.papers.two_hands.network import (
+        JointNetwork,
+        JointNetworkConfig,
+        MarkerNetwork,
+        MarkerNetworkConfig,
+    )
+    from bodysense_lab.papers.two_hands.train import write_glove_network
 
     torch.manual_seed(0)
     markers, joints = MarkerNetwork(MarkerNetworkConfig((16,))), JointNetwork(JointNetworkConfig((16,)))

@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from smpl_people import betas_of, made_up_model, save_walk, walk
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.amass_p1 import listed_sources, measure, mpjpe_interval, read_clip
-from bodysense_lab.hmd_vae.tables import PUBLISHED
+from bodysense_lab.completion.score.amass_p1 import listed_sources, measure, mpjpe_interval, read_clip
+from bodysense_lab.papers.hmd_vae.tables import PUBLISHED
 
 PLACE = "/home/somebody/amass"
 MODEL = made_up_model(4)
@@ -61,7 +61,7 @@ def test_the_lists_split_the_files_in_any_spelling(amass: Path) -> None:
 
 def test_a_share_of_the_training_files_is_the_validation_split(amass: Path, monkeypatch) -> None:
     for share, split in ((0.0, "train"), (1.0, "val")):
-        monkeypatch.setattr("bodysense_lab.amass_p1.VALIDATION_SHARE", share)
+        monkeypatch.setattr("bodysense_lab.completion.score.amass_p1.VALIDATION_SHARE", share)
         sources, _ = listed_sources(amass / "amass", amass / "data_split")
         assert {source.split for source in sources} == {split, "test"}
 
@@ -147,7 +147,7 @@ def test_the_given_network_is_scored(amass: Path, refused: object, tmp_path: Pat
 
 def test_training_data_can_be_prepared_by_the_lists(amass: Path, run: object, tmp_path: Path) -> None:
     pytest.importorskip("zarr", reason="needs packages/lab")
-    from bodysense_lab.store import read_store
+    from bodysense_lab.data.store import read_store
 
     options = ["--split-lists", amass / "data_split", "--smpl-model", amass / "smplh"]
     text = run("data", "prepare", amass / "amass", "-o", tmp_path / "p1.zarr", *options, "--workers", 1)  # type: ignore[operator]
@@ -163,7 +163,7 @@ def test_a_network_is_trained_and_scored_by_the_lists(
 ) -> None:
     """The documented commands work, with one step of training."""
     pytest.importorskip("torch", reason="needs packages/lab")
-    monkeypatch.setattr("bodysense_lab.amass_p1.VALIDATION_SHARE", 0.5)  # there are few files
+    monkeypatch.setattr("bodysense_lab.completion.score.amass_p1.VALIDATION_SHARE", 0.5)  # there are few files
     lists, store, network = ["--split-lists", amass / "data_split"], tmp_path / "p1.zarr", tmp_path / "p1.safetensors"
     run("data", "prepare", amass / "amass", "-o", store, *lists, "--smpl-model", amass / "smplh", "--workers", 1)
     train = ["train", "completion", "--data", store, "-o", network, "--steps", 1, "--limit", 2]

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip, at_height
-from bodysense_lab.augment import LIMBS, mirrored, with_limb_proportions
+from bodysense_lab.data.augment import LIMBS, mirrored, with_limb_proportions
 
 
 def lopsided(make_clip) -> Clip:

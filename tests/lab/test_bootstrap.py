@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bodysense_lab.intervals import interval
+from bodysense_lab.core.intervals import interval
 
 RNG = np.random.default_rng(0)
 VALUES = RNG.normal(5.0, 1.0, 15)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.chart import BarPanel, Bars, Line, LinePanel, draw_bars, draw_panels, plain_bars
+from bodysense_lab.core.chart import BarPanel, Bars, Line, LinePanel, draw_bars, draw_panels, plain_bars
 
 
 def is_whole(path: Path) -> bool:

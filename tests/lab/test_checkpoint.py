@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.checkpoint import best_weights, read_weights_file, write_weights_file
-from bodysense_lab.options import Schedule
+from bodysense_lab.core.checkpoint import best_weights, read_weights_file, write_weights_file
+from bodysense_lab.core.options import Schedule
 
 
 def test_a_second_stage_starts_with_the_best_weights_of_the_first(tmp_path: Path) -> None:

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
 from bodysense.io.datasets import sources
 from bodysense.io.datasets.sources import Source
+from bodysense.io.formats.bvh import write_bvh
 from bodysense.io.reading_options import ReadingOptions
-from bodysense_lab.clips import count_clips, open_clips
+from bodysense_lab.data.clips import count_clips, open_clips
 
 
 @pytest.fixture(scope="module")

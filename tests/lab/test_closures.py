@@ -19,7 +19,7 @@ def closure(module: str) -> set[str]:
 
 @pytest.mark.parametrize(
     ("module", "most"),
-    [("completion.train", 48), ("hmd_vae.train", 39), ("pahmt.train", 41), ("unoc.train", 44)],
+    [("completion.train", 48), ("papers.hmd_vae.train", 39), ("papers.pahmt.train", 41), ("papers.unoc.train", 44)],
 )
 def test_trainings_import_few_files(module: str, most: int) -> None:
     modules = closure(f"bodysense_lab.{module}")

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import (
+from bodysense.io.formats.bvh import write_bvh
+from bodysense_lab.data.datasets import (
     QUICK_SECONDS,
     Census,
     DataSet,
@@ -77,7 +77,7 @@ def test_quick_takes_the_first_seconds_of_a_few_clips(tmp_path: Path, waving_cli
 
 def test_quick_includes_clips_with_fingers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waving_clip: Clip) -> None:
     """If one clip in twelve has fingers, the sample contains some of them."""
-    from bodysense_lab import datasets
+    from bodysense_lab.data import datasets
 
     clips = [replace(waving_clip, name=str(k), has_fingers=k % 12 == 0) for k in range(60)]
     spread = {12: clips[1::5], 64: clips}

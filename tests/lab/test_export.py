@@ -11,7 +11,7 @@ import onnxruntime
 import pytest
 from onnx import ModelProto, TensorProto, helper, numpy_helper
 
-from bodysense_lab.export import store_as_float16, store_as_int8, strip_metadata
+from bodysense_lab.core.export import store_as_float16, store_as_int8, strip_metadata
 
 SHAPE = (80, 60, 3)
 

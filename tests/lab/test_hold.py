@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip
-from bodysense.last_known import Hold
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
+from bodysense.takes.last_known import Hold
 
 SKELETON = default_skeleton()
 FORWARD = [1.0, 0.0, 0.0, 0.0]

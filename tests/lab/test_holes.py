@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import quaternion_exp
 from bodysense.demo import packaged_performance
-from bodysense.filling import open_partial
+from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
-from bodysense.take import track
-from bodysense_lab import holes
-from bodysense_lab.chart import draw_panels
-from bodysense_lab.tallies import Tallies
+from bodysense.sources.partial_motion import open_partial
+from bodysense.takes.take import track
+from bodysense_lab.completion.score import holes
+from bodysense_lab.core.chart import draw_panels
+from bodysense_lab.core.tallies import Tallies
 
 
 def clip_of(seconds: float) -> Clip:

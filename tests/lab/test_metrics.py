@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodysense import metrics
-from bodysense.body.rotation import quaternion_exp
+from bodysense.geometry.rotation import quaternion_exp
+from bodysense.quality import metrics
 
 RATE = 50.0
 TIME = np.arange(20) / RATE

@@ -14,27 +14,27 @@ from bodysense.body.arms import ARM_JOINTS, arm_rotations
 from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY
 from bodysense.cli import main
 from bodysense.devices.simulated.device import simulate
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
-from bodysense.io.recording import Recording
-from bodysense.metrics import joint_error
-from bodysense.observation import Observation
-from bodysense.open import MotionSource, RecordingSource, VideoSource
+from bodysense.io.formats.recording import Recording
+from bodysense.observing.observation import Observation
 from bodysense.papers.hmd_vae import BodyVaeEstimator, load_body_vae
-from bodysense.take import track
-from bodysense_lab.hmd_vae.export import write_vae_onnx
-from bodysense_lab.hmd_vae.network import BodyVae
-from bodysense_lab.hmd_vae.options import BodyVaeConfig
-from bodysense_lab.pahmt import system as pahmt
-from bodysense_lab.paper_options import Method, PaperOptions, Variant
-from bodysense_lab.paper_systems import SYSTEMS
-from bodysense_lab.two_hands.system import calibrate
-from bodysense_lab.unoc.ik_tracker import IkTracker
-from bodysense_lab.unoc.learned import Learned, load_model
+from bodysense.quality.metrics import joint_error
+from bodysense.sources.open import MotionSource, RecordingSource, VideoSource
+from bodysense.takes.take import track
+from bodysense_lab.papers.hmd_vae.export import write_vae_onnx
+from bodysense_lab.papers.hmd_vae.network import BodyVae
+from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig
+from bodysense_lab.papers.pahmt import system as pahmt
+from bodysense_lab.papers.paper_options import Method, PaperOptions, Variant
+from bodysense_lab.papers.paper_systems import SYSTEMS
+from bodysense_lab.papers.two_hands.system import calibrate
+from bodysense_lab.papers.unoc.ik_tracker import IkTracker
+from bodysense_lab.papers.unoc.learned import Learned, load_model
 
 
 def completed(clip: Clip, method: Method, options: PaperOptions = PaperOptions()) -> Clip:

@@ -14,7 +14,7 @@ import pytest
 
 import bodysense_lab
 from bodysense.errors import BodysenseError
-from bodysense_lab.parallel import parallel_map
+from bodysense_lab.core.parallel import parallel_map
 
 NUMBERS = [float(number) for number in range(7)]
 ROOTS = [(number, number**0.5) for number in NUMBERS]  # `sqrt`: processes must be able to import the work
@@ -40,7 +40,7 @@ def test_workers_end_with_their_parent(tmp_path: Path, signal_sent: str) -> None
         "    time.sleep(60)\n"
     )
     script = (
-        "from bodysense_lab.parallel import parallel_map\n"
+        "from bodysense_lab.core.parallel import parallel_map\n"
         "from long_work import work\n"
         "list(parallel_map(work, range(2), 2))\n"
     )

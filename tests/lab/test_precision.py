@@ -9,8 +9,8 @@ import pytest
 import torch
 
 import bodysense_lab
-from bodysense_lab.fit import describe_machine, launch_fabric
-from bodysense_lab.precision import layer_autocast, layer_precision
+from bodysense_lab.core.fit import describe_machine, launch_fabric
+from bodysense_lab.core.precision import layer_autocast, layer_precision
 
 
 @pytest.mark.parametrize(("has_units", "precision"), [(True, torch.bfloat16), (False, torch.float32)])

@@ -13,8 +13,8 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from bodysense_lab import fit, progress, sweep
-from bodysense_lab.options import Schedule
+from bodysense_lab.core import fit, progress, sweep
+from bodysense_lab.core.options import Schedule
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +81,42 @@ def test_the_pace_is_reported_at_growing_intervals(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(fit.time, "monotonic", lambda: next(clock))
     due = fit._pace_is_due(0.0)
     assert [second for second in range(50) if next(due)] == [5, 15, 30, 45]
+
+
+def test_a_run_of_minutes_ends_in_time_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step takes a second: 6 s are left of 10 after an interruption, and the learning rate falls to its end."""
+    clock = {"now": 0.0}
+    monkeypatch.setattr(fit.time, "monotonic", lambda: clock["now"])
+    schedule = Schedule(minutes=10 / 60, check_every=2, warm_up=0, last_share=0.0)
+    rates: list[float] = []
+
+    class Timed(Small):
+        stop: int | None = None
+
+        def rate(self, step: int, steps: int | None = None) -> float:
+            rates.append(super().rate(step, steps))
+            return rates[-1]
+
+        def loss(self, batch: Tensor, memory: Any) -> tuple[dict[str, Tensor], Any]:
+            if self.stop == len(rates):
+                raise KeyboardInterrupt
+            clock["now"] += 1.0
+            return super().loss(batch, memory)
+
+    first = Timed(schedule=schedule)
+    object.__setattr__(first, "stop", 5)
+    with pytest.raises(KeyboardInterrupt):
+        fit.fit(first, tmp_path / "a.ckpt", lambda _: None, fit.launch_fabric())
+    reached: list[int] = []
+    clock["now"] = 1000.0
+    fit.fit(Timed(schedule=schedule), tmp_path / "a.ckpt", lambda now: reached.append(now.step), fit.launch_fabric())
+    assert reached == [6, 8, 10, 11]  # the fifth step was lost; the last one begins when the time is over
+    rates = rates[:4] + rates[5:]
+    assert all(late < early for early, late in itertools.pairwise(rates)) and rates[-1] < 0.01 * rates[0]
+    again = fit.fit(
+        Timed(schedule=schedule), tmp_path / "a.ckpt", lambda now: reached.append(now.step), fit.launch_fabric()
+    )
+    assert again == {"error_cm": 1.0} and reached[-1] == 11, "a run whose time is over is not trained again"
 
 
 @pytest.mark.parametrize("jobs", [1, pytest.param(2, marks=pytest.mark.slow)])

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from bodysense_lab.commands.reporting import finish
-from bodysense_lab.datasets import DataSet
-from bodysense_lab.options import TableOptions
-from bodysense_lab.table import Report
+from bodysense_lab.core.options import TableOptions
+from bodysense_lab.core.table import Report
+from bodysense_lab.data.datasets import DataSet
 
 
 def test_a_report_without_panels_has_no_picture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -24,7 +24,7 @@ def test_a_report_without_panels_has_no_picture(tmp_path: Path, capsys: pytest.C
 def test_the_numbers_of_a_sample_have_the_number_of_all_clips(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, quick: bool
 ) -> None:
-    monkeypatch.setattr("bodysense_lab.clips.count_clips", lambda path, split: 38)
+    monkeypatch.setattr("bodysense_lab.data.clips.count_clips", lambda path, split: 38)
     report = Report("plain", "A table", ("what", "cm"), (("one", 1.0),), {"clips": 12.0})
     out = tmp_path / "plain.json"
     finish(report, TableOptions(out=tmp_path, json=out, quick=quick), DataSet("some", tmp_path))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense_lab.chart import BarPanel
-from bodysense_lab.datasets import Census
-from bodysense_lab.score_table import (
+from bodysense_lab.core.chart import BarPanel
+from bodysense_lab.core.score_table import (
     BarChart,
     Claim,
     Compared,
@@ -16,7 +15,8 @@ from bodysense_lab.score_table import (
     ScoreTable,
     score_report,
 )
-from bodysense_lab.scoring import Tally
+from bodysense_lab.core.scoring import Tally
+from bodysense_lab.data.datasets import Census
 
 TABLE = ScoreTable(
     name="t",

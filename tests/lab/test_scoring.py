@@ -10,10 +10,10 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
-from bodysense.last_known import KNOWN
-from bodysense_lab.scoring import Tally, group_of, part_errors
-from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
-from bodysense_lab.unoc.learned import track_clip
+from bodysense.takes.last_known import KNOWN
+from bodysense_lab.core.scoring import Tally, group_of, part_errors
+from bodysense_lab.papers.unoc.ik_tracker import IkTrackerSettings
+from bodysense_lab.papers.unoc.learned import track_clip
 
 SKELETON = default_skeleton()
 

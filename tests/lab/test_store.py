@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from smpl_people import betas_of, lowest_soles, made_up_model, save_walk, walk
 
-from bodysense.body.rotation import geodesic_angle
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
+from bodysense.geometry.rotation import geodesic_angle
+from bodysense.io.formats.bvh import write_bvh
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.resample import resample
-from bodysense_lab import preparation
-from bodysense_lab.clips import open_clips
-from bodysense_lab.preparation import prepare
-from bodysense_lab.store import is_store, read_store
+from bodysense_lab.data import preparation
+from bodysense_lab.data.clips import open_clips
+from bodysense_lab.data.preparation import prepare
+from bodysense_lab.data.store import is_store, read_store
 
 pytest.importorskip("zarr", reason="needs packages/lab")
 

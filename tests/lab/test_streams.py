@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodysense_lab.fit import stream_sequences
+from bodysense_lab.core.fit import stream_sequences
 
 
 @given(lengths=st.lists(st.integers(1, 9), min_size=1, max_size=8), count=st.integers(1, 3), chunk=st.integers(1, 5))

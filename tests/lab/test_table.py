@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.intervals import NamedFigure
-from bodysense_lab.table import Report, cell, finite, ordering, write_csv
+from bodysense_lab.core.intervals import NamedFigure
+from bodysense_lab.core.table import Report, cell, finite, ordering, write_csv
 
 
 def test_a_csv_has_the_rows_of_the_report(tmp_path: Path) -> None:

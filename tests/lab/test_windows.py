@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.windows import find_windows
+from bodysense_lab.data.windows import find_windows
 
 
 @given(st.lists(st.integers(0, 40), min_size=1, max_size=6), st.integers(1, 9), st.integers(1, 5))

@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.io.protocol import POSE, SUBPROTOCOL, PoseFrame, SignalFrame, read_pose, write_signal
-from bodysense_live.launch import make_server
-from bodysense_live.links import listen_tcp
-from bodysense_live.message_text import write_message
-from bodysense_live.messages import ClientMessage, Hello
-from bodysense_live.settings import ServerSettings
+from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, PoseFrame, SignalFrame, read_pose, write_signal
+from bodysense_live.protocols.links import listen_tcp
+from bodysense_live.server.launch import make_server
+from bodysense_live.server.message_text import write_message
+from bodysense_live.server.messages import ClientMessage, Hello
+from bodysense_live.server.settings import ServerSettings
 
 DEVICES = ("headset", "left_controller", "right_controller")
 

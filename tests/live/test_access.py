@@ -12,17 +12,17 @@ from pathlib import Path
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.io.protocol import SIGNAL
-from bodysense_live.answer import Answer
-from bodysense_live.certificate import check_pair, own_certificate, qr_code
-from bodysense_live.live import Live
-from bodysense_live.messages import Hello, Recentre, Resume, Source
-from bodysense_live.metrics import Metrics
-from bodysense_live.safety import Limits, TokenThrottle
-from bodysense_live.send_queue import SendQueue
-from bodysense_live.session import Session
-from bodysense_live.session_slot import OutputSelector, SessionSlot
-from bodysense_live.settings import ServerSettings
+from bodysense.io.formats.protocol import SIGNAL
+from bodysense_live.security.certificate import check_pair, own_certificate, qr_code
+from bodysense_live.security.safety import Limits, TokenThrottle
+from bodysense_live.server.live import Live
+from bodysense_live.server.messages import Hello, Recentre, Resume, Source
+from bodysense_live.server.metrics import Metrics
+from bodysense_live.server.send_queue import SendQueue
+from bodysense_live.server.session_slot import OutputSelector, SessionSlot
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions.answer import Answer
+from bodysense_live.sessions.session import Session
 
 from .conftest import DEVICES, Connecting, Serving, signal
 
@@ -91,7 +91,7 @@ def test_the_delay_of_wrong_tokens_doubles(monkeypatch: pytest.MonkeyPatch) -> N
         await throttle.delay("10.0.0.2", 7.0)
         await throttle.delay("10.0.0.1", 100.0)
 
-    monkeypatch.setattr("bodysense_live.safety.asyncio.sleep", sleep)
+    monkeypatch.setattr("bodysense_live.security.safety.asyncio.sleep", sleep)
     asyncio.run(guess())
     assert waited == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 0.25, 0.25]
 

@@ -8,10 +8,10 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
-from bodysense.io.protocol import SignalFrame
-from bodysense_live.messages import Settings
-from bodysense_live.safety import ANY_ORIGIN, Access, refusal_reason
-from bodysense_live.session import Session
+from bodysense.io.formats.protocol import SignalFrame
+from bodysense_live.security.safety import ANY_ORIGIN, Access, refusal_reason
+from bodysense_live.server.messages import Settings
+from bodysense_live.sessions.session import Session
 
 
 def test_a_bridge_forwards_a_whole_body() -> None:

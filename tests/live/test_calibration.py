@@ -12,15 +12,15 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.osc import bundled, message_bytes
-from bodysense.io.unity import unity_position, unity_rotation
-from bodysense_live.messages import Calibrate, Recentre
-from bodysense_live.settings import ServerSettings
-from bodysense_live.vmc import VmcTrackers
-from bodysense_live.worn_trackers import read_trackers
+from bodysense.geometry.rigid import RigidTransform
+from bodysense.geometry.rotation import quaternion_exp
+from bodysense.io.formats.osc import bundled, message_bytes
+from bodysense.io.formats.unity import unity_position, unity_rotation
+from bodysense_live.protocols.vmc import VmcTrackers
+from bodysense_live.server.messages import Calibrate, Recentre
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions.worn_trackers import read_trackers
 
 from .conftest import Serving, free_port
 from .test_worn_trackers import STRAPPED

@@ -18,11 +18,11 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.devices.simulated.device import simulate
 from bodysense.io.clip import Clip
+from bodysense.io.formats.recording import Recording, write_recording
 from bodysense.io.reading_options import ReadingOptions
-from bodysense.io.recording import Recording, write_recording
 from bodysense_live.commands.serve_settings import playable_of
-from bodysense_live.safety import Access
-from bodysense_live.settings import ServerSettings
+from bodysense_live.security.safety import Access
+from bodysense_live.server.settings import ServerSettings
 
 from ..conftest import Refused
 from .conftest import Serving

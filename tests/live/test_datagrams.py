@@ -9,19 +9,19 @@ import time
 import numpy as np
 import pytest
 
-from bodysense.body.glove import default_glove, glove_points, marker_positions
-from bodysense.body.glove_set import standard_set
-from bodysense.body.hand import hand_skeleton
+from bodysense.body.hands.glove import default_glove, glove_points, marker_positions
+from bodysense.body.hands.glove_set import standard_set
+from bodysense.body.hands.hand import hand_skeleton
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.osc import bundled, message_bytes
-from bodysense.io.protocol import SignalFrame
-from bodysense_live.datagrams import MarkerInput, Receiver
-from bodysense_live.links import DeviceInput
-from bodysense_live.metrics import Metrics
-from bodysense_live.settings import ServerSettings
-from bodysense_live.tracked_devices import SIGNALS
-from bodysense_live.vmc import VmcTrackers
+from bodysense.io.formats.osc import bundled, message_bytes
+from bodysense.io.formats.protocol import SignalFrame
+from bodysense_live.protocols.datagrams import MarkerInput, Receiver
+from bodysense_live.protocols.links import DeviceInput
+from bodysense_live.protocols.vmc import VmcTrackers
+from bodysense_live.server.metrics import Metrics
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions.tracked_devices import SIGNALS
 
 from .conftest import Connecting, Serving, free_port, signal
 
@@ -60,7 +60,7 @@ def test_trackers_by_vmc_and_malformed_packets(server_of: Serving, connect: Conn
 
 
 def test_markers_by_osc(server_of: Serving, connect: Connecting) -> None:
-    from bodysense_live.marker_stream import write_frame
+    from bodysense_live.protocols.marker_stream import write_frame
 
     port = free_port()
     client = connect(server_of(ServerSettings(markers_in=port)), points=(), watch="markers")

@@ -7,19 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.body.glove import glove_points
+from bodysense.body.hands.glove import glove_points
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
-from bodysense.io.protocol import SignalFrame, wire_accuracy
-from bodysense.observation import Observation
-from bodysense.tracker import Tracker, TrackerSettings
-from bodysense_live.answer import Answer
-from bodysense_live.estimation import step_many
-from bodysense_live.messages import Settings
-from bodysense_live.session import Session
+from bodysense.io.formats.protocol import SignalFrame, wire_accuracy
+from bodysense.observing.observation import Observation
+from bodysense.tracking.tracker import Tracker, TrackerSettings
+from bodysense_live.server.messages import Settings
+from bodysense_live.sessions.answer import Answer
+from bodysense_live.sessions.estimation import step_many
+from bodysense_live.sessions.session import Session
 
 SKELETON = default_skeleton()
 

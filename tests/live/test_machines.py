@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.io.protocol import POSE, SUBPROTOCOL, PoseFrame, read_pose, write_signal
-from bodysense_live.message_text import write_message
-from bodysense_live.messages import Calibrate, Hello, Resume, Settings
-from bodysense_live.tracked_devices import SIGNALS
+from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, PoseFrame, read_pose, write_signal
+from bodysense_live.server.message_text import write_message
+from bodysense_live.server.messages import Calibrate, Hello, Resume, Settings
+from bodysense_live.sessions.tracked_devices import SIGNALS
 
 from .conftest import storing
 from .test_worn_trackers import SKELETON, STRAPPED, frames

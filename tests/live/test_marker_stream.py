@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodysense.body.glove import glove_points
+from bodysense.body.hands.glove import glove_points
+from bodysense.io.formats.osc import bundled, message_bytes
 from bodysense.io.markers.raw_markers import MarkerFormat
-from bodysense.io.osc import bundled, message_bytes
-from bodysense.observation import Observation
-from bodysense_live.marker_stream import ADDRESS, LARGEST, read_frame, write_frame
+from bodysense.observing.observation import Observation
+from bodysense_live.protocols.marker_stream import ADDRESS, LARGEST, read_frame, write_frame
 
 LEFT = glove_points("left")
 

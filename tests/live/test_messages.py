@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
-from bodysense.io.protocol import ProtocolError
-from bodysense_live.message_text import changed, read_message, write_message
-from bodysense_live.messages import (
+from bodysense.io.formats.protocol import ProtocolError
+from bodysense_live.server.message_text import changed, read_message, write_message
+from bodysense_live.server.messages import (
     CLIENT,
     REGIONS,
     Calibrate,

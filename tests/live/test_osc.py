@@ -14,7 +14,7 @@ from pythonosc.osc_message import OscMessage
 from pythonosc.osc_message_builder import OscMessageBuilder
 from pythonosc.osc_packet import OscPacket
 
-from bodysense.io.osc import (
+from bodysense.io.formats.osc import (
     DATAGRAM,
     DEEPEST,
     LARGEST,

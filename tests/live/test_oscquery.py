@@ -20,17 +20,17 @@ from pythonosc.osc_bundle_builder import OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
 from pythonosc.osc_packet import OscPacket
 
-from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.errors import BodysenseError
-from bodysense.io.osc import message_bytes
-from bodysense.io.unity import unity_euler
-from bodysense_live.driver_axes import ABOUT_Y
-from bodysense_live.messages import Calibrate, Recentre
-from bodysense_live.metrics import Metrics
-from bodysense_live.oscquery import OscService
-from bodysense_live.settings import ServerSettings
-from bodysense_live.vrchat import ACCEPTED_ADDRESSES, VRCHAT_POINTS, VrchatReader
-from bodysense_live.vrchat_link import VrchatLink, VrchatSettings
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
+from bodysense.io.formats.osc import message_bytes
+from bodysense.io.formats.unity import unity_euler
+from bodysense_live.protocols.driver_axes import ABOUT_Y
+from bodysense_live.protocols.oscquery import OscService
+from bodysense_live.protocols.vrchat import ACCEPTED_ADDRESSES, VRCHAT_POINTS, VrchatReader
+from bodysense_live.protocols.vrchat_link import VrchatLink, VrchatSettings
+from bodysense_live.server.messages import Calibrate, Recentre
+from bodysense_live.server.metrics import Metrics
+from bodysense_live.server.settings import ServerSettings
 
 from .conftest import Connecting, Serving
 

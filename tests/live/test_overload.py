@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.estimate import Estimate
-from bodysense.io.protocol import SUBPROTOCOL, SignalFrame, read_pose, read_signal, write_signal
-from bodysense_live import scheduler, session
-from bodysense_live.answer import CompletionJob
-from bodysense_live.estimation import PipelineState, step_many
-from bodysense_live.message_text import write_message
-from bodysense_live.messages import Hello
-from bodysense_live.newest_frames import SKIPPED, NewestFrames
+from bodysense.io.formats.protocol import SUBPROTOCOL, SignalFrame, read_pose, read_signal, write_signal
+from bodysense.tracking.estimate import Estimate
+from bodysense_live.server import scheduler
+from bodysense_live.server.message_text import write_message
+from bodysense_live.server.messages import Hello
+from bodysense_live.sessions import session
+from bodysense_live.sessions.answer import CompletionJob
+from bodysense_live.sessions.estimation import PipelineState, step_many
+from bodysense_live.sessions.newest_frames import SKIPPED, NewestFrames
 
 from .conftest import DEVICES, Address, Connecting, Serving, signal
 

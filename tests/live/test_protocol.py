@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io import protocol
-from bodysense.io.protocol import (
+from bodysense.io.formats import protocol
+from bodysense.io.formats.protocol import (
     PoseFrame,
     ProtocolError,
     SignalFrame,
@@ -27,7 +27,7 @@ from bodysense.io.protocol import (
     write_signal,
     write_truth,
 )
-from bodysense_live.webxr import Placement, point_mapping, to_observation
+from bodysense_live.protocols.webxr import Placement, point_mapping, to_observation
 
 ROOT = Path(__file__).parents[2]
 

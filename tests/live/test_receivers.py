@@ -14,8 +14,8 @@ import pytest
 
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.osc import DATAGRAM, Argument, Message, bundled, message_bytes, read_packet
-from bodysense_live.vmc import vmc_packets
+from bodysense.io.formats.osc import DATAGRAM, Argument, Message, bundled, message_bytes, read_packet
+from bodysense_live.protocols.vmc import vmc_packets
 
 Bones = dict[str, tuple[Argument, ...]]
 FRAMES = 20

@@ -12,11 +12,11 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.protocol import SignalFrame
-from bodysense_live.messages import Recentre
-from bodysense_live.session import Session
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
+from bodysense.io.formats.protocol import SignalFrame
+from bodysense_live.server.messages import Recentre
+from bodysense_live.sessions.session import Session
 
 SKELETON = default_skeleton()
 POINTS = ("head", "left_wrist", "right_wrist", "pelvis", "left_ankle", "right_ankle")

@@ -13,9 +13,9 @@ from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.errors import BodysenseError
-from bodysense.io.protocol import SignalFrame, read_signal, write_signal
-from bodysense_live.messages import Replay
-from bodysense_live.replay import Playable, Player
+from bodysense.io.formats.protocol import SignalFrame, read_signal, write_signal
+from bodysense_live.server.messages import Replay
+from bodysense_live.sessions.replay import Playable, Player
 
 
 def playable(frames: int, rate: float, hands: bool = True) -> Playable:

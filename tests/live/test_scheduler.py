@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import pytest
 
-from bodysense_live import scheduler as module
-from bodysense_live.answer import Answer
-from bodysense_live.estimation import step_many
-from bodysense_live.messages import Pong
-from bodysense_live.scheduler import Scheduler
-from bodysense_live.send_queue import SendQueue
-from bodysense_live.session import Session
+from bodysense_live.server import scheduler as module
+from bodysense_live.server.messages import Pong
+from bodysense_live.server.scheduler import Scheduler
+from bodysense_live.server.send_queue import SendQueue
+from bodysense_live.sessions.answer import Answer
+from bodysense_live.sessions.estimation import step_many
+from bodysense_live.sessions.session import Session
 
 from .conftest import DEVICES, signal
 

@@ -18,9 +18,9 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
-from bodysense.io.bvh import read_bvh
-from bodysense.io.protocol import SIGNAL, TRUTH, read_pose, write_signal
-from bodysense_live.messages import (
+from bodysense.io.formats.bvh import read_bvh
+from bodysense.io.formats.protocol import SIGNAL, TRUTH, read_pose, write_signal
+from bodysense_live.server.messages import (
     Calibrate,
     Hello,
     Ping,
@@ -30,8 +30,8 @@ from bodysense_live.messages import (
     Settings,
     UpdateSettings,
 )
-from bodysense_live.replay import Playable
-from bodysense_live.settings import ServerSettings
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions.replay import Playable
 
 from .conftest import DEVICES, Address, Client, Connecting, Serving, signal
 

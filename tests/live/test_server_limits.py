@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense.io.protocol import SUBPROTOCOL, write_signal
-from bodysense_live.links import listen_tcp
-from bodysense_live.message_text import write_message
-from bodysense_live.messages import Hello
-from bodysense_live.safety import Access, Limits, RateLimit, refusal_reason
-from bodysense_live.settings import ServerSettings
+from bodysense.io.formats.protocol import SUBPROTOCOL, write_signal
+from bodysense_live.protocols.links import listen_tcp
+from bodysense_live.security.safety import Access, Limits, RateLimit, refusal_reason
+from bodysense_live.server.message_text import write_message
+from bodysense_live.server.messages import Hello
+from bodysense_live.server.settings import ServerSettings
 
 from .conftest import DEVICES, Address, Connecting, Serving, signal
 

@@ -13,17 +13,15 @@ from worn_trackers import strapped
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, observe
 from bodysense.devices.simulated.sensors import observe as see
-from bodysense.io.protocol import ProtocolError, SignalFrame
-from bodysense.observation import Observation
-from bodysense_live.answer import Answer
-from bodysense_live.estimation import step_many
-from bodysense_live.messages import (
+from bodysense.geometry.rigid import RigidTransform
+from bodysense.geometry.rotation import geodesic_angle
+from bodysense.io.formats.protocol import ProtocolError, SignalFrame
+from bodysense.observing.observation import Observation
+from bodysense_live.server.messages import (
     Calibrate,
     Notice,
     PlacementChanged,
@@ -32,7 +30,9 @@ from bodysense_live.messages import (
     Settings,
     UpdateSettings,
 )
-from bodysense_live.session import Session
+from bodysense_live.sessions.answer import Answer
+from bodysense_live.sessions.estimation import step_many
+from bodysense_live.sessions.session import Session
 
 SKELETON = default_skeleton()
 POINTS = ("head", "left_wrist", "right_wrist")

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from bodysense.body.person import Person
-from bodysense.body.rigid import RigidTransform
-from bodysense_live.messages import Resume, Settings, UpdateSettings
-from bodysense_live.safety import Limits
-from bodysense_live.session_store import SessionStore, StoredSession
-from bodysense_live.settings import ServerSettings
-from bodysense_live.webxr import Placement
+from bodysense.geometry.rigid import RigidTransform
+from bodysense_live.protocols.webxr import Placement
+from bodysense_live.security.safety import Limits
+from bodysense_live.server.messages import Resume, Settings, UpdateSettings
+from bodysense_live.server.session_store import SessionStore, StoredSession
+from bodysense_live.server.settings import ServerSettings
 
 from ..conftest import Refused
 from .conftest import Address, Connecting, Serving, free_port, signal, storing

@@ -19,19 +19,19 @@ from hypothesis import strategies as st
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import geodesic_angle, quaternion_conjugate, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.osc import message_bytes
-from bodysense.io.protocol import SignalFrame
-from bodysense.io.unity import unity_position, unity_rotation
-from bodysense.observation import Observation
-from bodysense_live.inertial import FACING, IMUS, InertialSensors, calibrate_sensors
-from bodysense_live.messages import Calibrate, Notice, Recentre
-from bodysense_live.session import Session
-from bodysense_live.settings import ServerSettings
-from bodysense_live.slimevr import MAX_TRACKERS, DatagramResult, SlimevrState, heartbeat, take
-from bodysense_live.slimevr_link import SlimevrSettings
+from bodysense.geometry.rotation import geodesic_angle, quaternion_conjugate, quaternion_exp, quaternion_multiply
+from bodysense.io.formats.osc import message_bytes
+from bodysense.io.formats.protocol import SignalFrame
+from bodysense.io.formats.unity import unity_position, unity_rotation
+from bodysense.observing.observation import Observation
+from bodysense_live.protocols.slimevr import MAX_TRACKERS, DatagramResult, SlimevrState, heartbeat, take
+from bodysense_live.protocols.slimevr_link import SlimevrSettings
+from bodysense_live.server.messages import Calibrate, Notice, Recentre
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions.inertial import FACING, IMUS, InertialSensors, calibrate_sensors
+from bodysense_live.sessions.session import Session
 
 from .conftest import Connecting, Serving, free_port
 

@@ -17,14 +17,11 @@ from websockets.sync.client import connect as open_socket
 from websockets.typing import Origin
 
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_exp, quaternion_rotate
 from bodysense_lab.serving.solarxr_client import bundle, request, update
-from bodysense_live.metrics import Metrics
-from bodysense_live.safety import local_refusal_reason
-from bodysense_live.settings import ServerSettings
-from bodysense_live.solarxr import (
+from bodysense_live.protocols.solarxr.solarxr import (
     BONES,
     TRACKERS,
     Requests,
@@ -34,10 +31,13 @@ from bodysense_live.solarxr import (
     read_bundle,
     settings_bundle,
 )
-from bodysense_live.solarxr_input import InputReader, read_fields
-from bodysense_live.solarxr_link import INPUT, RPC, SolarxrLink, SolarxrSettings, runtime_folder
-from bodysense_live.tracked_devices import SIGNALS
-from bodysense_live.webxr import between_eyes
+from bodysense_live.protocols.solarxr.solarxr_input import InputReader, read_fields
+from bodysense_live.protocols.solarxr.solarxr_link import INPUT, RPC, SolarxrLink, SolarxrSettings, runtime_folder
+from bodysense_live.protocols.webxr import between_eyes
+from bodysense_live.security.safety import local_refusal_reason
+from bodysense_live.server.metrics import Metrics
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions.tracked_devices import SIGNALS
 
 from .conftest import Connecting, Serving, free_port
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.rotation import quaternion_exp
-from bodysense.io.unity import from_unity_rotation, unity_euler, unity_position, unity_rotation
-from bodysense_live.driver_axes import driver_rotation, from_driver_rotation
+from bodysense.geometry.rotation import quaternion_exp
+from bodysense.io.formats.unity import from_unity_rotation, unity_euler, unity_position, unity_rotation
+from bodysense_live.protocols.driver_axes import driver_rotation, from_driver_rotation
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 

@@ -13,11 +13,11 @@ from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
-from bodysense.io.osc import DATAGRAM
-from bodysense_live.virtual_trackers import TURNED_BY
-from bodysense_live.vmc import vmc_packets
-from bodysense_live.vrchat import PARTS, parts_of, vrchat_packets
+from bodysense.io.formats.gltf.humanoid import VRM_BONES, unity_bone
+from bodysense.io.formats.osc import DATAGRAM
+from bodysense_live.protocols.virtual_trackers import TURNED_BY
+from bodysense_live.protocols.vmc import vmc_packets
+from bodysense_live.protocols.vrchat import PARTS, parts_of, vrchat_packets
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 # Unity's documentation, HumanBodyBones, without eyes and jaw.

@@ -13,10 +13,10 @@ from pythonosc.osc_message_builder import OscMessageBuilder
 from scipy.spatial.transform import Rotation
 
 from bodysense.errors import BodysenseError
-from bodysense.io.osc import bundled, message_bytes
-from bodysense.observation import Observation, check_observation
-from bodysense_live.tracked_devices import POINTS, TrackedDevices, read_device_names
-from bodysense_live.vmc import VmcState, VmcTrackers
+from bodysense.io.formats.osc import bundled, message_bytes
+from bodysense.observing.observation import Observation, check_observation
+from bodysense_live.protocols.vmc import VmcState, VmcTrackers
+from bodysense_live.sessions.tracked_devices import POINTS, TrackedDevices, read_device_names
 
 READER = VmcTrackers()
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

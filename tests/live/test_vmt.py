@@ -14,18 +14,18 @@ from pythonosc.osc_message import OscMessage
 from pythonosc.osc_packet import OscPacket
 
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.osc import message_bytes
-from bodysense_live.links import DeviceInput
-from bodysense_live.metrics import Metrics
-from bodysense_live.settings import ServerSettings
-from bodysense_live.tracked_devices import SIGNALS, TrackedDevices
-from bodysense_live.virtual_trackers import TURNED_BY
-from bodysense_live.vmt import VmtReader, VmtState, subscriptions
-from bodysense_live.vmt_hands import BONES, hand_bones, hand_packet
-from bodysense_live.vmt_link import VmtSettings
+from bodysense.geometry.rigid import RigidTransform
+from bodysense.geometry.rotation import quaternion_exp
+from bodysense.io.formats.osc import message_bytes
+from bodysense_live.protocols.links import DeviceInput
+from bodysense_live.protocols.steamvr.vmt import VmtReader, VmtState, subscriptions
+from bodysense_live.protocols.steamvr.vmt_hands import BONES, hand_bones, hand_packet
+from bodysense_live.protocols.steamvr.vmt_link import VmtSettings
+from bodysense_live.protocols.virtual_trackers import TURNED_BY
+from bodysense_live.server.metrics import Metrics
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions.tracked_devices import SIGNALS, TrackedDevices
 
 from .conftest import Serving
 

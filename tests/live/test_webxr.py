@@ -9,11 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics, rest_pose
-from bodysense.body.products import rotate
-from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import default_body, default_skeleton
-from bodysense.io.protocol import ProtocolError, SignalFrame
-from bodysense_live.webxr import Placement, point_mapping, to_observation
+from bodysense.geometry.products import rotate
+from bodysense.geometry.rotation import quaternion_rotate
+from bodysense.io.formats.protocol import ProtocolError, SignalFrame
+from bodysense_live.protocols.webxr import Placement, point_mapping, to_observation
 
 SKELETON = default_skeleton()
 # Directions of −Z and another axis of WebXR's frames, if the wearer is in the T-pose and faces +Z.

@@ -20,13 +20,13 @@ from websockets import WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from bodysense.io.protocol import SUBPROTOCOL
-from bodysense_live.launch import make_server
-from bodysense_live.links import listen_tcp
-from bodysense_live.message_text import write_message
-from bodysense_live.messages import Hello, Resume, Settings
-from bodysense_live.settings import ServerSettings
-from bodysense_live.workers import Workers, _take_connections, _Worker, distribute
+from bodysense.io.formats.protocol import SUBPROTOCOL
+from bodysense_live.protocols.links import listen_tcp
+from bodysense_live.server.launch import make_server
+from bodysense_live.server.message_text import write_message
+from bodysense_live.server.messages import Hello, Resume, Settings
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.server.workers import Workers, _take_connections, _Worker, distribute
 
 from .conftest import DEVICES
 

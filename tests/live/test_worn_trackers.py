@@ -10,18 +10,18 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.protocol import SignalFrame
-from bodysense.observation import Observation
-from bodysense_live.links import signal_of
-from bodysense_live.messages import Calibrate, Notice
-from bodysense_live.session import Session
-from bodysense_live.session_slot import SessionSlot, WearerFile
-from bodysense_live.tracked_devices import SIGNALS, DeviceState, TrackedDevice, TrackedDevices
-from bodysense_live.worn_trackers import read_trackers, save_wearer
+from bodysense.geometry.rigid import RigidTransform
+from bodysense.geometry.rotation import quaternion_exp
+from bodysense.io.formats.protocol import SignalFrame
+from bodysense.observing.observation import Observation
+from bodysense_live.protocols.links import signal_of
+from bodysense_live.server.messages import Calibrate, Notice
+from bodysense_live.server.session_slot import SessionSlot, WearerFile
+from bodysense_live.sessions.session import Session
+from bodysense_live.sessions.tracked_devices import SIGNALS, DeviceState, TrackedDevice, TrackedDevices
+from bodysense_live.sessions.worn_trackers import read_trackers, save_wearer
 
 SKELETON = default_skeleton()
 # Mounts in the joints' axes: offset in m (8 to 14 cm), rotation vector in rad.

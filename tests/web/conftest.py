@@ -49,7 +49,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Its models are scripts/build_landmarkers.py's, its WebAssembly is npm's.
     """
     from bodysense.devices.video.landmarker_files import landmarker_folder
-    from bodysense_live.page_files import WEBCAM, write_page
+    from bodysense_live.server.page_files import WEBCAM, write_page
 
     if not (PAGE / "index.html").is_file():
         pytest.skip("the page is not built: run `npm run build` in web/")

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.model import PACKAGED
+from bodysense.geometry.rotation import geodesic_angle, quaternion_multiply
+from bodysense.tracking.model import PACKAGED
 
 ROOT = Path(__file__).parents[2]
 NAMES = {

@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from bodysense.cli import main
-from bodysense_live.page_files import ABOUT, DRACO, LIBRARY_FILES, WEBCAM, write_page
+from bodysense_live.server.page_files import ABOUT, DRACO, LIBRARY_FILES, WEBCAM, write_page
 
 PAGE = Path(__file__).parents[2] / "packages" / "live" / "src" / "bodysense_live" / "page"
 LARGEST_FILM = 1_500_000  # bytes

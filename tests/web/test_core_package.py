@@ -19,14 +19,14 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rigid import RigidTransform
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.shape import Measured
 from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.device import simulate
-from bodysense.estimate import Estimate
-from bodysense.observation import Observation
-from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.geometry.rigid import RigidTransform
+from bodysense.geometry.rotation import geodesic_angle
+from bodysense.observing.observation import Observation
+from bodysense.tracking.estimate import Estimate
+from bodysense.tracking.tracker import Tracker, TrackerSettings
 
 Scenario = Callable[..., dict[str, Any]]
 ROOT = Path(__file__).parents[2]

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
 
 pytestmark = pytest.mark.slow
 

@@ -16,9 +16,9 @@ import pytest
 from PIL import Image
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.io.bvh import read_bvh, write_bvh
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.motion import read_gltf
+from bodysense.io.formats.bvh import read_bvh, write_bvh
+from bodysense.io.formats.gltf.motion import read_gltf
 
 pytestmark = [pytest.mark.slow, pytest.mark.alone]
 

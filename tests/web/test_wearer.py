@@ -11,7 +11,7 @@ import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.bvh import read_bvh
+from bodysense.io.formats.bvh import read_bvh
 
 pytestmark = pytest.mark.slow
 

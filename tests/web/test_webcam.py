@@ -15,11 +15,11 @@ from bodysense.body.keypoints import Camera
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
-from bodysense.io.bvh import read_bvh
+from bodysense.io.formats.bvh import read_bvh
 from bodysense_lab.rendering.character import load_figure
 from bodysense_lab.rendering.renderer import open_renderer
 from bodysense_lab.rendering.scene import sample_scene
-from bodysense_live.page_files import WEBCAM
+from bodysense_live.server.page_files import WEBCAM
 
 pytestmark = [pytest.mark.slow, pytest.mark.alone]
 

@@ -5,7 +5,7 @@ import { readNpz } from "./files/npz";
 import type { Skeleton } from "./body/skeleton";
 import { defaultSkeleton, fetched, readJson } from "./engine/files";
 import { amassClip } from "./files/amass";
-import type { Moment } from "./history";
+import type { Moment } from "./takes/history";
 import type { About } from "./offline";
 
 const PERFORMANCE = "performance.npz";

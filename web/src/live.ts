@@ -3,9 +3,9 @@
 import type { Observation, Point } from "./body/observation";
 import { place, withOffsets, type Body, type Skeleton } from "./body/skeleton";
 import type { Engine, Step } from "./engine/engine";
-import { History, type BodyFrame, type Moment } from "./history";
+import { History, type BodyFrame, type Moment } from "./takes/history";
 import { reasonOf } from "./notice";
-import type { Person } from "./wearer";
+import type { Person } from "./wearer/wearer";
 
 const MOST_WAITING = 2; // frames in the worker: further frames are dropped, not queued
 const COUNTED = 600; // steps whose times are kept

@@ -1,6 +1,6 @@
 import { App } from "./app";
-import { EmbeddedPage } from "./embedded";
-import { Embedder, originOf } from "./embedder";
+import { EmbeddedPage } from "./embed/embedded";
+import { Embedder, originOf } from "./embed/embedder";
 import { Engine } from "./engine/engine";
 import { firstFiles } from "./first";
 import { Notice, reasonOf } from "./notice";

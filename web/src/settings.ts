@@ -3,7 +3,7 @@
 import { SENSOR_SETS, type SensorSet } from "./body/clip";
 import { COLOURINGS } from "./view/colours";
 import type { DisplaySettings } from "./view/bodies";
-import { HEIGHTS, isWithin, measurementFrom, type Measurement } from "./wearer";
+import { HEIGHTS, isWithin, measurementFrom, type Measurement } from "./wearer/wearer";
 
 export const THEMES = ["auto", "light", "dark"] as const;
 export type Theme = (typeof THEMES)[number];

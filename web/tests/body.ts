@@ -2,7 +2,7 @@
 
 import { readFileSync } from "node:fs";
 import { place, skeletonOfRows, type Skeleton, type SkeletonRows } from "../src/body/skeleton";
-import type { Moment } from "../src/history";
+import type { Moment } from "../src/takes/history";
 
 const body = JSON.parse(
   readFileSync(new URL("../../src/bodysense/body/default_body.json", import.meta.url), "utf8"),

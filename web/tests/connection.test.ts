@@ -1,6 +1,6 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { Connection, socketAddress } from "../src/server/connection";
-import type { ServerMessage, Welcome } from "../src/protocol";
+import type { ServerMessage, Welcome } from "../src/server/protocol";
 import type { PoseFrame, SignalFrame } from "../src/server/frames";
 
 class FakeSocket {

@@ -1,7 +1,7 @@
 /** The clock of a motion, and what the page takes from the page around it. */
 
 import { describe, expect, it } from "vitest";
-import { commandFrom, originOf } from "../src/embedder";
+import { commandFrom, originOf } from "../src/embed/embedder";
 import { Rounds } from "../src/sources/rounds";
 
 describe("the clock of a motion", () => {

@@ -3,7 +3,7 @@ import { BVHLoader } from "three/addons/loaders/BVHLoader.js";
 import { AnimationMixer } from "three";
 import { validateBytes } from "gltf-validator";
 import { describe, expect, it, vi } from "vitest";
-import { History } from "../src/history";
+import { History } from "../src/takes/history";
 import { bvhText, eulerZXY } from "../src/out/bvh";
 import { glbBytes, vrmaBytes } from "../src/out/glb";
 import { resample } from "../src/out/resample";

@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
 import { FirstPicture } from "../src/first";
-import type { Moment } from "../src/history";
+import type { Moment } from "../src/takes/history";
 
 it("marks once that pictures move: two of different moments were drawn", () => {
   const [a, b, c] = [{}, {}, {}] as Moment[];

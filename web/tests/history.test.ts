@@ -1,8 +1,8 @@
 import { describe, expect, it } from "vitest";
-import { History, type Moment } from "../src/history";
-import { Playback } from "../src/playback";
+import { History, type Moment } from "../src/takes/history";
+import { Playback } from "../src/takes/playback";
 import { TakeSource } from "../src/sources/take_source";
-import { partOf, Takes, type Description } from "../src/takes";
+import { partOf, Takes, type Description } from "../src/takes/takes";
 import { moment } from "./body";
 
 const numberOf = (found: Moment | null | undefined): number | undefined => found?.rootPosition[0];

@@ -6,7 +6,7 @@ import { readBvh } from "../src/files/bvh_read";
 import { openFile } from "../src/files/open";
 import { recordingOfLines } from "../src/files/recording";
 import { clipOf, jointsOf } from "../src/files/rig";
-import { History } from "../src/history";
+import { History } from "../src/takes/history";
 import { bvhText } from "../src/out/bvh";
 import { resample } from "../src/out/resample";
 import { moment, skeleton } from "./body";

@@ -2,8 +2,8 @@
 
 import { Group } from "three";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { History } from "../src/history";
-import { POSE, type Welcome } from "../src/protocol";
+import { History } from "../src/takes/history";
+import { POSE, type Welcome } from "../src/server/protocol";
 import { ServerSource } from "../src/sources/server_source";
 import { followedBy, Watching, watchHash } from "../src/sources/watching";
 import { skeleton } from "./body";

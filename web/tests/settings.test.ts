@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 import { DEFAULT_SETTINGS, loadSettings, saveSettings, settingsFrom } from "../src/settings";
 import { legend, pointColour } from "../src/view/colours";
 import { Color } from "three";
-import { History } from "../src/history";
+import { History } from "../src/takes/history";
 import { partOf } from "../src/ui/sensor_panel";
 import { moment as some, skeleton } from "./body";
 

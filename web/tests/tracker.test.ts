@@ -7,7 +7,7 @@ import { expect, it } from "vitest";
 import type { Observation, Point } from "../src/body/observation";
 import { place, restPoint, withOffsets } from "../src/body/skeleton";
 import { Tracker } from "../src/engine/tracker";
-import { DEVIATION } from "../src/wearer";
+import { DEVIATION } from "../src/wearer/wearer";
 import { skeleton } from "./body";
 
 const read = (path: string): Uint8Array<ArrayBuffer> => Uint8Array.from(readFileSync(new URL(path, import.meta.url)));

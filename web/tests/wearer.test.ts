@@ -2,12 +2,12 @@
 
 import { readFileSync } from "node:fs";
 import { describe, expect, it } from "vitest";
-import { calibrated } from "../src/calibration";
+import { calibrated } from "../src/wearer/calibration";
 import { axisAngle, fromAxes, multiply, rotate, type Vector } from "../src/body/math";
 import { numbers, readNpz } from "../src/files/npz";
 import type { Observation } from "../src/body/observation";
 import { applyPlacement, placementAt } from "../src/sources/placement";
-import { NOBODY, personOf } from "../src/wearer";
+import { NOBODY, personOf } from "../src/wearer/wearer";
 
 const library = (name: string): ArrayBuffer =>
   Uint8Array.from(readFileSync(new URL(`../../src/bodysense/${name}`, import.meta.url))).buffer;

@@ -8,9 +8,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_to_matrix
 
 TRUNK = ("pelvis", "spine1", "spine2", "spine3")  # joints whose primitives are fitted between hips and shoulders
 

@@ -5,7 +5,7 @@ interpolation over a gap (`gaps.interpolate`), missing joints deviate from their
 have one normal distribution for each length of gap. The prediction for missing joints is the conditional mean, given
 the known joints. Deviations and their speeds are zero at the sides of a gap.
 
-`scripts/fit_coordination.py` measures the covariances on training people.
+The covariances were measured on training people (docs/credits.md, "Assets").
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from importlib.resources import files
 import numpy as np
 
 from bodysense.body import gaps
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import BODY
+from bodysense.geometry.rotation import (
     quaternion_conjugate,
     quaternion_log,
     quaternion_multiply,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import BODY
 
 FILE = "coordination.npz"  # in this package
 ROOT = len(BODY)  # index of the root's position, after the joints

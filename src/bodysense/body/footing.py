@@ -7,8 +7,8 @@ from array_api_compat import array_namespace
 
 from bodysense.body.gaps import runs
 from bodysense.body.pose import as_like
-from bodysense.body.rotation import Array, smooth_step
 from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.rotation import Array, smooth_step
 
 SOLE_POINTS = tuple(f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe"))
 HOLD, RELEASE = 0.6, 0.4  # probabilities of contact: a foot stands from the first on, until it falls below the second

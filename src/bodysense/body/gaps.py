@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.rotation import (
+from bodysense.geometry.rotation import (
     normalize,
     quaternion_canonical,
     quaternion_conjugate,

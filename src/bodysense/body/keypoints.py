@@ -12,7 +12,8 @@ import numpy as np
 
 from bodysense.body.arms import ARM_JOINTS, ARM_POINTS, HAND_POINTS, SIDES, arm_rotations
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rotation import (
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import (
     cross,
     dot,
     matrix_to_quaternion,
@@ -21,7 +22,6 @@ from bodysense.body.rotation import (
     quaternion_conjugate,
     quaternion_multiply,
 )
-from bodysense.errors import BodysenseError
 
 _UNIT = 0.01  # largest difference of the length of a direction or quaternion from 1
 

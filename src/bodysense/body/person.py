@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bodysense.body.rigid import RigidTransform
 from bodysense.body.shape import SHORTEST as SHORTEST_ADULT
 from bodysense.body.shape import TALLEST as TALLEST_ADULT
 from bodysense.body.shape import Measured, ShapeEstimate, shape_space
@@ -20,9 +19,10 @@ from bodysense.body.shape import stature as stature_of
 from bodysense.body.skeleton import Skeleton, skeleton_from_table
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.geometry.rigid import RigidTransform
 
 if TYPE_CHECKING:
-    from bodysense.body.hand_family import GlovedHand
+    from bodysense.body.hands.hand_family import GlovedHand
 
 FORMAT = "bodysense-person-1"
 SHORTEST, TALLEST = 1.0, 2.3  # m; heights of a person
@@ -88,7 +88,7 @@ class Person:
         for side, hand in (hands or {}).items():
             if side not in ("left", "right"):
                 raise BodysenseError(f"person: the hand {side!r}; it is 'left' or 'right'")
-            from bodysense.body.hand_family import body_with_hand
+            from bodysense.body.hands.hand_family import body_with_hand
 
             skeleton = body_with_hand(skeleton, side, hand)
         if not SHORTEST - SOLE <= skeleton.height <= TALLEST:
@@ -241,7 +241,7 @@ class Person:
         skeleton = skeleton_from_table(joints, end_sites)
         hands: dict[str, GlovedHand] = {}
         for row in _hand_rows(stored) if "hands" in stored else []:
-            from bodysense.body.hand_family import hand_from_arrays
+            from bodysense.body.hands.hand_family import hand_from_arrays
 
             points, axes, markers = (
                 np.array(row[name]).reshape(-1, size) for name, size in (("points", 3), ("axes", 4), ("markers", 3))
@@ -285,7 +285,7 @@ def _scaled(estimate: ShapeEstimate, scale: float) -> Skeleton:
 
 def _hand_row(side: str, hand: GlovedHand) -> dict[str, Any]:
     """Return a row of 'hands' of a person's file."""
-    from bodysense.body.hand_family import hand_arrays, marker_attachments
+    from bodysense.body.hands.hand_family import hand_arrays, marker_attachments
 
     row: dict[str, Any] = {name: values.ravel().tolist() for name, values in hand_arrays(hand).items()}
     sitting = marker_attachments(hand)

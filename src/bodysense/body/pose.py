@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.rotation import (
     Array,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_multiply,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import Skeleton
 
 
 @dataclass(frozen=True, eq=False)

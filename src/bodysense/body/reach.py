@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import (
+from bodysense.geometry.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_exp,

@@ -9,12 +9,12 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.rotation import (
     heading,
     quaternion_conjugate,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import Skeleton
 
 
 def local_offset(skeleton: Skeleton, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:

@@ -73,7 +73,7 @@ class ShapeSpace:
 
     Coefficients are standard normal over the population. Points are those of the default skeleton, in its order.
     Every rest pose is a T-pose that faces +Z, symmetric, with the soles on y = 0 and the pelvis over the origin
-    (world: +Y up, metres). Source: figures of the body model anny, drawn by `scripts/fit_shape_space.py`.
+    (world: +Y up, metres). Source: figures of the body model anny (docs/credits.md, "Assets").
     """
 
     mean: np.ndarray = field(repr=False)  # (P, 3) m, from the parent; the root's from the floor below the pelvis

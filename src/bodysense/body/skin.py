@@ -10,8 +10,8 @@ import numpy as np
 
 from bodysense.body.capsules import Primitives, fit_primitives
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.rotation import quaternion_to_matrix
 
 SKIN, HAIR, SHIRT, TROUSERS, SHOES, UNSEEN = range(6)
 COLORS = np.array(  # red, green, blue, 0 to 1, of each

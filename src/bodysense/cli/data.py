@@ -112,8 +112,8 @@ def joints(
         out: .json file; printed if omitted.
         reading: facts that the file omits.
     """
-    from bodysense.io.archive import MotionFile
-    from bodysense.io.gltf.motion import figure_of_gltf
+    from bodysense.io.formats.archive import MotionFile
+    from bodysense.io.formats.gltf.motion import figure_of_gltf
     from bodysense.io.rigged import figure_of_file
     from bodysense.io.rigs.names import joints_of
     from bodysense.io.rigs.rig import joint_map_text, recognise

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from bodysense.body.pose import Pose
     from bodysense.io.clip import Clip
-    from bodysense.observation import Observation
+    from bodysense.observing.observation import Observation
 
 RATE = 30.0  # Hz of the completed motion
 PICTURES = 15.0  # approximate Hz of the animation
@@ -57,12 +57,12 @@ def demo(
     from bodysense.cli.recordings import load_clip
     from bodysense.demo import performance_of_unseen_body
     from bodysense.devices.simulated.device import simulate
-    from bodysense.io.bvh import write_bvh
-    from bodysense.io.recording import Recording
+    from bodysense.io.formats.bvh import write_bvh
+    from bodysense.io.formats.recording import Recording
     from bodysense.io.resample import resample
     from bodysense.pictures.camera import Lens
     from bodysense.pictures.comparison import View, write_comparison, write_moments
-    from bodysense.take import track
+    from bodysense.takes.take import track
 
     if json is not None:
         check_place(json)
@@ -101,9 +101,9 @@ def demo_rows(clip: Clip, seen: Observation, pose: Pose, device: str) -> list[De
 
     from bodysense.body.pose import forward_kinematics
     from bodysense.body.skeleton import BODY, LOWER_BODY
-    from bodysense.last_known import last_known
-    from bodysense.metrics import joint_error
-    from bodysense.observation import observed_points
+    from bodysense.observing.observation import observed_points
+    from bodysense.quality.metrics import joint_error
+    from bodysense.takes.last_known import last_known
 
     skeleton = clip.pose.skeleton
     truth = np.asarray(forward_kinematics(clip.pose)[0])

@@ -46,8 +46,8 @@ def files_in(
     place: Path, split: Split, layout: Layout | None, reading: ReadingOptions
 ) -> tuple[int, Iterable[FoundFile]]:
     """Return the number of files in a place, and an iterable that reads one after the other."""
-    from bodysense.io.archive import motion_files
     from bodysense.io.datasets.sources import Source, list_sources
+    from bodysense.io.formats.archive import motion_files
 
     if (place / "zarr.json").is_file():
         raise BodysenseError(f"{place}: a prepared store of motion, which {LAB} reads; {how_to_install(LAB)}")
@@ -84,7 +84,7 @@ def _read(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
 
 def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
     """Read a file without a rig: AMASS, results of SMPL, glTF, or markers and recordings, which have no clip."""
-    from bodysense.open import MarkerSource, MotionSource, VideoSource, open_source
+    from bodysense.sources.open import MarkerSource, MotionSource, VideoSource, open_source
 
     opened = open_source(source.path, reading)
     if isinstance(opened, VideoSource):

@@ -27,9 +27,9 @@ from bodysense.ranges import Samples, Seed
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
-    from bodysense.filling import PartialMotion
-    from bodysense.open import MotionSource
-    from bodysense.take import Take
+    from bodysense.sources.open import MotionSource
+    from bodysense.sources.partial_motion import PartialMotion
+    from bodysense.takes.take import Take
 
 _LISTED = 12  # largest number of joints or markers in a line
 MotionFile = Annotated[Path, tyro.conf.Positional]
@@ -59,12 +59,12 @@ def simulate(
     """
     from rich.console import Console
 
-    from bodysense.body.glove_set import read_set
+    from bodysense.body.hands.glove_set import read_set
     from bodysense.devices.simulated.device import InertialGloves, MarkerGloves
     from bodysense.devices.simulated.device import simulate as simulated
+    from bodysense.io.formats.recording import Recording, write_recording
     from bodysense.io.markers.files import WRITTEN, write_markers
     from bodysense.io.markers.options import is_marker_file
-    from bodysense.io.recording import Recording, write_recording
 
     check_place(out)
     check_rate("--rate", rate)
@@ -148,14 +148,14 @@ def track(  # noqa: PLR0915
     """
     from rich.progress import Progress
 
-    from bodysense.completion.model import load_completion
+    from bodysense.io.formats.recording import Recording
     from bodysense.io.markers.options import is_marker_file
-    from bodysense.io.recording import Recording
-    from bodysense.open import MarkerSource, MotionSource, VideoSource
     from bodysense.papers.fingers import synthesize
-    from bodysense.take import check_marker_output
-    from bodysense.take import track as complete
-    from bodysense.tracker import TrackerSettings
+    from bodysense.sources.open import MarkerSource, MotionSource, VideoSource
+    from bodysense.takes.take import check_marker_output
+    from bodysense.takes.take import track as complete
+    from bodysense.tracking.model import load_completion
+    from bodysense.tracking.tracker import TrackerSettings
 
     markers_out = is_marker_file(out)
     _check_outputs(file, out, None if markers_out else rig, save_person, json)
@@ -194,7 +194,7 @@ def track(  # noqa: PLR0915
     floor = 0.0 if isinstance(opened, MotionSource) else reading.floor or 0.0  # motions were moved to floor 0
     if samples is not None:
         from bodysense.cli.samples import sample_paths, write_samples
-        from bodysense.signals import signal_from
+        from bodysense.sources.signals import signal_from
 
         check_apart(sample_paths(out, samples), file)
         signal = signal_from(opened, device=device, person=wearer, height=height, noise=seeded)
@@ -261,9 +261,9 @@ def convert(
         json: file for the result as JSON: outputs, frames, frame rate, rig, warnings.
         reading: what the file does not say of itself.
     """
-    from bodysense.conversion import convert as converted
     from bodysense.io.motion_files import check_ending
     from bodysense.io.target_rigs.named import check_rig
+    from bodysense.sources.conversion import convert as converted
 
     check_rig(check_ending(out), rig, file if file.suffix.lower() == ".bvh" else None)
     check_rate("--rate", rate)

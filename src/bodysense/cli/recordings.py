@@ -14,8 +14,8 @@ from bodysense.io.reading_options import ReadingOptions
 if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.io.clip import Clip
-    from bodysense.observation import Observation
-    from bodysense.open import MotionSource, Opened
+    from bodysense.observing.observation import Observation
+    from bodysense.sources.open import MotionSource, Opened
 
 _SIDES = ("left", "right")
 
@@ -44,7 +44,7 @@ def open_motion(
 
     Raises BodysenseError for every other kind of file.
     """
-    from bodysense.open import MOTION_ENDINGS, MotionSource, kind_of, open_source
+    from bodysense.sources.open import MOTION_ENDINGS, MotionSource, kind_of, open_source
 
     kind = kind_of(file)
     try:
@@ -79,8 +79,8 @@ def open_recorded(
 
     If `fingers` are to be synthesized, files with gloves are refused.
     """
-    from bodysense.body.hand import glove_hands
-    from bodysense.open import MarkerSource, RecordingSource, open_source
+    from bodysense.body.hands.hand import glove_hands
+    from bodysense.sources.open import MarkerSource, RecordingSource, open_source
 
     opened = open_source(file, reading, markers)
     if isinstance(opened, MarkerSource):
@@ -98,7 +98,7 @@ def open_recorded(
 
 def _check_gloves(observation: Observation, place: Path) -> None:
     """Print remarks on doubtful gloves of a recording."""
-    from bodysense.body.hand import glove_hands
+    from bodysense.body.hands.hand import glove_hands
     from bodysense.io.markers.checks import check_gloves
 
     others = [hand for hand in glove_hands(observation.points) if hand not in _SIDES]

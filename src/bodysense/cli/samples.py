@@ -12,7 +12,7 @@ from bodysense.io.reading_options import ReadingOptions
 from bodysense.ranges import Samples, Seed
 
 if TYPE_CHECKING:
-    from bodysense.io.recording import Recording
+    from bodysense.io.formats.recording import Recording
 
 
 def generate(
@@ -30,8 +30,8 @@ def generate(
     import numpy as np
 
     from bodysense.body.skeleton import default_skeleton
-    from bodysense.io.bvh import write_bvh
     from bodysense.io.clip import Clip
+    from bodysense.io.formats.bvh import write_bvh
     from bodysense.papers.hmd_vae import load_body_vae, sample_prior
     from bodysense.pictures.sheet import draw_sheet
 

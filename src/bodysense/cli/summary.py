@@ -12,7 +12,7 @@ import numpy as np
 from bodysense.files import written_beside
 
 if TYPE_CHECKING:
-    from bodysense.take import Take
+    from bodysense.takes.take import Take
 
 
 def write_summary(path: Path | None, outputs: list[Path], values: Mapping[str, Any]) -> None:

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from bodysense.devices.video.device import VideoDevice
     from bodysense.devices.video.person import PersonSettings
     from bodysense.devices.video.watching import SightingCounts, WatchedFrames
-    from bodysense.io.bvh import BvhStream
-    from bodysense.observation import Observation
-    from bodysense.tracker import TrackerSettings
-    from bodysense.two_way import TwoWayTracker
+    from bodysense.io.formats.bvh import BvhStream
+    from bodysense.observing.observation import Observation
+    from bodysense.takes.two_way import TwoWayTracker
+    from bodysense.tracking.tracker import TrackerSettings
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,8 @@ def track_video(
     from bodysense.io.motion_files import motion_stream
     from bodysense.io.target_rigs.named import OWN
     from bodysense.pictures.overlay import Overlay
-    from bodysense.tracker import Tracker
-    from bodysense.two_way import TwoWayTracker
+    from bodysense.takes.two_way import TwoWayTracker
+    from bodysense.tracking.tracker import Tracker
 
     people = _person_settings(options)
     person = Person() if wearer is None else wearer
@@ -189,7 +189,7 @@ class _Motion:
 
     def finish(self, seconds: float) -> None:
         """Complete the kept frames, `seconds` apart, and write them."""
-        from bodysense.observation import concatenated_frames
+        from bodysense.observing.observation import concatenated_frames
 
         if self.two_way is not None and self.kept:
             whole = concatenated_frames(self.kept)

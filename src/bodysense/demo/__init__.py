@@ -1,4 +1,4 @@
-"""The packaged demo performance, made by `scripts/make_performance.py`."""
+"""The packaged demo performance."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ UNSEEN_BODY = 0  # index of the performer among the test bodies of the shape spa
 
 def packaged_performance() -> Clip:
     """Return the packaged motion: a wearer walks, turns, waves, sits, gestures, reaches and points."""
-    from bodysense.io.amass import read_amass
+    from bodysense.io.formats.amass import read_amass
 
     with as_file(files("bodysense.demo").joinpath("performance.npz")) as path:
         return replace(read_amass(path), name="performance")

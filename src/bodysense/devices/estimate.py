@@ -1,4 +1,4 @@
-"""Results of point estimators. The tracker's `Estimate` is in `bodysense.estimate`."""
+"""Results of point estimators. The tracker's `Estimate` is in `bodysense.tracking.estimate`."""
 
 from __future__ import annotations
 

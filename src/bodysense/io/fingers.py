@@ -7,8 +7,8 @@ from collections.abc import Collection
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import geodesic_angle, quaternion_exp
 from bodysense.body.skeleton import FINGERS
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp
 
 STILL = np.deg2rad(0.5)  # finger joints that turn less than this over a whole recording were not recorded
 

@@ -14,7 +14,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.rigs.names import joint_of
 
 if TYPE_CHECKING:
-    from bodysense.io.bvh_text import BvhFile
+    from bodysense.io.formats.bvh_text import BvhFile
     from bodysense.io.target_rigs.own_rig import SourceJoints
 
 FLAT = 0.5  # s: a limb whose numbers are constant for this long, while the trunk turns, was not tracked

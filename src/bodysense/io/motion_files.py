@@ -11,8 +11,8 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place, part_beside
-from bodysense.io.bvh import BvhStream, read_bvh, write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import BvhStream, read_bvh, write_bvh
 from bodysense.io.target_rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
 from bodysense.io.target_rigs.own_rig import write_on_rig_of
 
@@ -28,7 +28,7 @@ def check_ending(path: Path) -> Path:
             ".vrma or .mcap"
         )
     if path.suffix.lower() == ".mcap":
-        from bodysense.io.mcap_take import load_writer
+        from bodysense.io.formats.mcap_take import load_writer
 
         load_writer()
     return path
@@ -45,12 +45,12 @@ def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
         write_on_rig_of(path, clip, Path(rig))
         return
     if ending == ".mcap":
-        from bodysense.io.mcap_take import write_mcap
+        from bodysense.io.formats.mcap_take import write_mcap
 
         write_mcap(path, clip)
         return
-    from bodysense.io.gltf.vrma import write_vrma
-    from bodysense.io.gltf.writer import write_glb
+    from bodysense.io.formats.gltf.vrma import write_vrma
+    from bodysense.io.formats.gltf.writer import write_glb
 
     if ending == ".vrma":
         write_vrma(path, clip)

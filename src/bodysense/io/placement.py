@@ -17,9 +17,9 @@ from bodysense.body.footing import side_clearance, sole_clearance
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import Skeleton
-from bodysense.io.amass import read_amass
-from bodysense.io.body_model import shape_in_file
 from bodysense.io.clip import Clip
+from bodysense.io.formats.amass import read_amass
+from bodysense.io.formats.body_model import shape_in_file
 
 _RATE = 30.0  # Hz; largest rate at which motions are analysed
 _WINDOW = 4  # frames at that rate: 0.13 s, over which a path is measured

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from bodysense.body.person import SHORTEST, TALLEST
-from bodysense.body.world_axes import UpAxis, metres_of, turn_of
 from bodysense.errors import BodysenseError
+from bodysense.observing.world_axes import UpAxis, metres_of, turn_of
 
 
 def given_options(options: Any) -> str:

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_canonical, slerp
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_canonical, slerp
 from bodysense.io.clip import Clip
 
 _BLOCK = 1000  # frames computed at once

@@ -14,12 +14,17 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_canonical, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import figures_of
-from bodysense.io.bvh_text import BvhFile, parse_bvh
+from bodysense.geometry.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_multiply,
+    quaternion_rotate,
+)
 from bodysense.io.clip import Clip, at_height
+from bodysense.io.formats.bvh import figures_of
+from bodysense.io.formats.bvh_text import BvhFile, parse_bvh
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.figure import Figure, measured

@@ -15,19 +15,19 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.resting import local_offset
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.simulated.sensors import THREE_POINTS
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_multiply,
     quaternion_rotate,
     shortest_arc,
 )
-from bodysense.body.skeleton import Skeleton
-from bodysense.body.spring import spring_step
-from bodysense.devices.simulated.sensors import THREE_POINTS
-from bodysense.errors import BodysenseError
+from bodysense.geometry.spring import spring_step
 from bodysense.io.clip import Clip
-from bodysense.observation import check_order
+from bodysense.observing.observation import check_order
 from bodysense.papers.point_model import PointModel, PointRunner, PointState, load_point_model
 
 HALF_LIFE = 0.05  # s, half-life of a jump in the smoother

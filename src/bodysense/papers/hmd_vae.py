@@ -14,21 +14,21 @@ import numpy as np
 
 from bodysense.body.body_joints import body_skeleton, whole_pose
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import BODY, Skeleton
+from bodysense.devices.estimate import PointEstimate
+from bodysense.devices.simulated.sensors import THREE_POINTS
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import (
     normalize,
     quaternion_conjugate,
     quaternion_identity,
     quaternion_multiply,
     slerp,
 )
-from bodysense.body.skeleton import BODY, Skeleton
-from bodysense.completion.network import Network, NetworkFormat
-from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.sensors import THREE_POINTS
-from bodysense.errors import BodysenseError
-from bodysense.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
+from bodysense.observing.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
 from bodysense.papers.point_model import HeadAndHands
 from bodysense.papers.target_ik import MEASURED_ERROR
+from bodysense.weights.network import Network, NetworkFormat
 
 FORMAT = "bodysense body vae 1"
 NETWORK = NetworkFormat(

@@ -11,11 +11,11 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.resting import resting_offset
-from bodysense.body.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import Skeleton
-from bodysense.completion.network import Network, NetworkFormat
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
+from bodysense.weights.network import Network, NetworkFormat
 
 FORMAT = "bodysense points 1"
 Task = Literal["fingers", "upper-body"]

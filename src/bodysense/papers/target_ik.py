@@ -9,10 +9,10 @@ import numpy as np
 
 from bodysense.body.ik import IkSettings, InverseKinematics
 from bodysense.body.pose import Pose
-from bodysense.body.products import world_rotation
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.observation import Observation, observed_points
+from bodysense.geometry.products import world_rotation
+from bodysense.observing.observation import Observation, observed_points
 
 MEASURED_ERROR = 0.002  # m: expected error of a tracked point
 HEAD_WEIGHT = 0.05  # m²/rad²: weight of a measured rotation in IK
@@ -67,7 +67,7 @@ class TargetIk:
         weight = self.weight(estimate.confidence, estimate.occluded < 0.5)
         solved: list[Pose] = []
         for t, local in enumerate(pose.rotation):
-            aim = world_rotation(self.skeleton, local)
+            aim = world_rotation(self.skeleton.parents, self.skeleton.levels, local)
             start = self.ik.at(pose.root_position[t], aim)
             solved.append(self.ik.solve(estimate.position[t], weight[t], aim, aim_weight[t], start)[0])
         roots, rotations = (np.stack([getattr(one, name) for one in solved]) for name in ("root_position", "rotation"))

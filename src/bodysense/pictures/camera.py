@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import heading, quaternion_rotate
 from bodysense.body.skin import fit_skin, place_skin
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import heading, quaternion_rotate
 
 
 @dataclass(frozen=True)

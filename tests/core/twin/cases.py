@@ -11,13 +11,13 @@ from hypothesis import strategies as st
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
-from bodysense.observation import Observation
-from bodysense.tracker import TrackerSettings
-from bodysense_lab.completion.lattice import random_edges
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
+from bodysense.observing.observation import Observation
+from bodysense.tracking.tracker import TrackerSettings
+from bodysense_lab.completion.kinds.lattice import random_edges
 
 _JOINTS = ("pelvis", "spine3", *(f"{side}_{name}" for side in ("left", "right") for name in ("hip", "knee", "elbow")))
 SETS = {**SENSOR_SETS, "inertial": SensorSet((), _JOINTS)}

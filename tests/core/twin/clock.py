@@ -2,7 +2,7 @@
 
 from math import isnan
 
-from bodysense.tracker import TrackerSettings
+from bodysense.tracking.tracker import TrackerSettings
 
 
 def interval_of(settings: TrackerSettings, time: float, before: float) -> tuple[float, bool]:

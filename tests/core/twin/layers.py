@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense_lab.completion.weights_file import read_safetensors
+from bodysense_lab.completion.networks.weights_file import read_safetensors
 
 BLOCK, LARGEST = 64, 32767
 

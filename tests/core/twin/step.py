@@ -9,10 +9,10 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import quaternion_to_matrix
-from bodysense.estimate import Estimate
-from bodysense.observation import Observation
-from bodysense.tracker import TrackerSettings
+from bodysense.geometry.rotation import quaternion_to_matrix
+from bodysense.observing.observation import Observation
+from bodysense.tracking.estimate import Estimate
+from bodysense.tracking.tracker import TrackerSettings
 
 from .body import Body
 from .clock import interval_of

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.rotation import normalize, quaternion_to_matrix
-from bodysense.observation import Observation
+from bodysense.geometry.rotation import normalize, quaternion_to_matrix
+from bodysense.observing.observation import Observation
 
 from .points import BODY, HEAD, HEAD_TOP, JOINTS, PELVIS, POINTS, SPINE3, WRISTS, at
 from .vectors import UP, cross, frame_of, length, mix, turned_onto, unit

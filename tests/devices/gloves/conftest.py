@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bodysense.body.glove import default_glove, glove_points, marker_positions, side_of
-from bodysense.body.hand import mirrored_vectors
+from bodysense.body.hands.glove import default_glove, glove_points, marker_positions, side_of
+from bodysense.body.hands.hand import mirrored_vectors
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import GloveModels
-from bodysense.observation import Observation, accuracy_like, check_observation
+from bodysense.observing.observation import Observation, accuracy_like, check_observation
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.glove import MARKERS, default_glove
+from bodysense.body.hands.glove import MARKERS, default_glove
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_canonical, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.blending import Blend, BlendState, apply_offset, offset_between, scale_offset
 from bodysense.devices.gloves.fingers import HandPoses, hand_shape
+from bodysense.geometry.rotation import quaternion_canonical, quaternion_multiply
 
 INTERVAL = 1 / 60
 SEEN = np.ones((1, len(MARKERS)), dtype=bool)

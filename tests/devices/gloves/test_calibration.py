@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.body.glove import hand_size, marker_positions
-from bodysense.body.hand import mirrored_vectors
-from bodysense.body.hand_family import COUNT, GlovedHand, draw_hand, hand_of, transfer_pose
+from bodysense.body.hands.glove import hand_size, marker_positions
+from bodysense.body.hands.hand import mirrored_vectors
+from bodysense.body.hands.hand_family import COUNT, GlovedHand, draw_hand, hand_of, transfer_pose
 from bodysense.body.person import Person
 from bodysense.devices.gloves.calibration import fit_hand
 from bodysense.devices.gloves.device import calibrated_hands, glove_device
 from bodysense.devices.simulated.glove import observe
 from bodysense.errors import BodysenseError
+from bodysense_lab.papers.two_hands.frames import frames_of
 from bodysense_lab.synthesis.hands import synthesize_hand
-from bodysense_lab.two_hands.frames import frames_of
 
 
 @pytest.fixture(scope="module")

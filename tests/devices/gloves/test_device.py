@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.body.glove import default_glove, glove_points, marker_positions
-from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, hand_skeleton
-from bodysense.body.hand_family import body_with_hand, draw_hand
+from bodysense.body.hands.glove import default_glove, glove_points, marker_positions
+from bodysense.body.hands.hand import FINGERTIPS, HAND_JOINTS, hand_skeleton
+from bodysense.body.hands.hand_family import body_with_hand, draw_hand
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.model import CompletionModel
 from bodysense.demo import packaged_performance
 from bodysense.devices.gloves.device import (
     SIDES,
@@ -27,10 +25,18 @@ from bodysense.devices.simulated import glove
 from bodysense.devices.simulated.noise import hide
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.observation import OPTICAL_ACCURACY, Observation, accuracy_like, check_observation, chosen_points
-from bodysense.tracker import Tracker
+from bodysense.observing.observation import (
+    OPTICAL_ACCURACY,
+    Observation,
+    accuracy_like,
+    check_observation,
+    chosen_points,
+)
+from bodysense.tracking.model import CompletionModel
+from bodysense.tracking.tracker import Tracker
 from bodysense_lab.synthesis.hands import synthesize_hand
 
 SKELETON = default_skeleton()

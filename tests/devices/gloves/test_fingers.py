@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.glove import default_glove, marker_positions
-from bodysense.body.hand import FINGERS, rotations_of
+from bodysense.body.hands.glove import default_glove, marker_positions
+from bodysense.body.hands.hand import FINGERS, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.gloves.fingers import aim_fingers, hand_shape, place_hands, shortest_arcs
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_multiply,
     shortest_arc,
 )
-from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.fingers import aim_fingers, hand_shape, place_hands, shortest_arcs
-from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.hands import varied_hand
 
 

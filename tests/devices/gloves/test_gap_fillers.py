@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.glove import default_glove, template
+from bodysense.body.hands.glove import default_glove, template
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.gap_fillers import GapFiller, GapFillerStack, NetworkGapFiller, RigidGapFiller
 from bodysense.devices.gloves.hands import natural_markers
 from bodysense.errors import BodysenseError
-from bodysense_lab.two_hands.baselines import AffineCombination, LastKnown, MovingAverage
+from bodysense_lab.papers.two_hands.score.baselines import AffineCombination, LastKnown, MovingAverage
 
 
 def run(gap_filler: GapFiller, frames: np.ndarray, interval: float = 1 / 60) -> np.ndarray:

@@ -10,20 +10,20 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_points, marker_positions
-from bodysense.body.hand import angles_of, mirrored_rotations, mirrored_vectors
+from bodysense.body.hands.glove import ALIGNMENT, MARKERS, default_glove, glove_points, marker_positions
+from bodysense.body.hands.hand import angles_of, mirrored_rotations, mirrored_vectors
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, load_glove_models, natural_pose
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
+from bodysense.geometry.rotation import geodesic_angle
+from bodysense.observing.observation import Observation
+from bodysense_lab.papers.two_hands.score.baselines import LastKnown
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion
-from bodysense_lab.two_hands.baselines import LastKnown
 
-FREE = HandsSettings(contact=None)
+FREE = HandsSettings()
 
 
 class ConstantNetwork:
@@ -254,7 +254,7 @@ def test_a_custom_gap_filler_without_rejection(
     frames = markers[:30].copy()
     frames[10:, 5] = np.nan
     unfilled = np.where(np.isnan(frames), frames[9], frames)
-    plain = HandsSettings(rejection=None, contact=None)
+    plain = HandsSettings(rejection=None)
     estimates = track(Hands({"left": hand}, small_models, plain, gap_filler=LastKnown()), observe_gloves(left=frames))
     wanted = track(Hands({"left": hand}, small_models, plain), observe_gloves(left=unfilled))
     np.testing.assert_allclose(estimates["left"].position, wanted["left"].position, atol=1e-9)

@@ -8,22 +8,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.body.glove import marker_positions, standard_marker
-from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations, own_axes
-from bodysense.body.hand_family import GlovedHand, draw_hand, transfer_pose
+from bodysense.body.hands.glove import marker_positions, standard_marker
+from bodysense.body.hands.hand import FINGERS, FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations, own_axes
+from bodysense.body.hands.hand_family import GlovedHand, draw_hand, transfer_pose
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.devices.simulated.glove_imu import observe_fingers
 from bodysense.devices.simulated.noise import hide
-from bodysense.observation import Observation, joined_points
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply
+from bodysense.observing.observation import Observation, joined_points
 from bodysense_lab.synthesis.motion import HandMotion
 
 FLEXIONS = [k for k, row in enumerate(FREEDOMS) if row.angle == "flexion"]
-ALONE = HandsSettings(rejection=None, contact=None)
+ALONE = HandsSettings(rejection=None)
 UP = np.array([0.0, 1.0, 0.0])
 
 
@@ -184,7 +184,7 @@ def test_joints_whose_sensors_stop_return_to_the_solved_pose_without_a_jump(
 
 
 def test_hidden_times_of_joints_follow_their_markers(hand: Skeleton) -> None:
-    from bodysense.body.glove import MARKERS, default_glove
+    from bodysense.body.hands.glove import MARKERS, default_glove
     from bodysense.devices.gloves.fingers import hand_shape
 
     shape = hand_shape([hand], [default_glove()])

@@ -12,19 +12,19 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.optimize import linear_sum_assignment
 
-from bodysense.body.glove import glove_points
-from bodysense.body.hand import hand_skeleton
+from bodysense.body.hands.glove import glove_points
+from bodysense.body.hands.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.assignment import assignment
-from bodysense.devices.gloves.labelling import Labeller
+from bodysense.devices.gloves.labels.assignment import assignment
+from bodysense.devices.gloves.labels.labelling import Labeller
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.io.resample import resample
-from bodysense.observation import Observation, chosen_points
-from bodysense_lab.two_hands.limits import label_accuracy
+from bodysense.observing.observation import Observation, chosen_points
+from bodysense_lab.papers.two_hands.score.limits import label_accuracy
 
 
 @pytest.fixture(scope="module")

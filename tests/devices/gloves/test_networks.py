@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.body.glove import default_glove
-from bodysense.body.hand_family import COUNT, hand_of
+from bodysense.body.hands.glove import default_glove
+from bodysense.body.hands.hand_family import COUNT, hand_of
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 from bodysense.errors import BodysenseError

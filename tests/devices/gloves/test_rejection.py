@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.glove import MARKERS, default_glove
+from bodysense.body.hands.glove import MARKERS, default_glove
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.gap_fillers import RigidGapFiller
-from bodysense.devices.gloves.rejection import Rejection, RejectionSettings
+from bodysense.devices.gloves.labels.rejection import Rejection, RejectionSettings
 from bodysense.errors import BodysenseError
 
 RATE = 60.0
@@ -62,8 +62,8 @@ def test_hands_are_judged_independently(hand: Skeleton, markers: np.ndarray) -> 
 
 
 def test_recorded_motion_is_accepted(motion_data: object) -> None:
-    from bodysense.body.glove import marker_positions
-    from bodysense_lab.clips import open_clips
+    from bodysense.body.hands.glove import marker_positions
+    from bodysense_lab.data.clips import open_clips
     from bodysense_lab.synthesis.motion import hand_motions
 
     for motion in hand_motions(open_clips(f"{motion_data}/rocketbox", "train", at_most=3)):

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.body.glove import default_glove, marker_positions
-from bodysense.body.hand import HAND_JOINTS
+from bodysense.body.hands.glove import default_glove, marker_positions
+from bodysense.body.hands.hand import HAND_JOINTS
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.gloves.hands import Hands, HandsSettings, load_glove_models
+from bodysense.devices.gloves.hands import Hands, load_glove_models
 from bodysense_lab.synthesis.hands import synthesize_hand
 
 
@@ -30,7 +30,7 @@ def come_and_go(frames: int, seed: int) -> np.ndarray:
 def follow(pose: Pose, hand: Skeleton, hidden: np.ndarray, observe_gloves) -> tuple[np.ndarray, np.ndarray]:
     """Return output and true positions (T, 21, 3) m."""
     markers = np.asarray(marker_positions(default_glove(), pose))
-    hands = Hands({"left": hand}, load_glove_models(), HandsSettings(contact=None))
+    hands = Hands({"left": hand}, load_glove_models())
     seen = observe_gloves(left=np.where(hidden[..., None], np.nan, markers))
     estimates, _ = hands.step(seen, hands.start())
     return estimates["left"].position, np.asarray(forward_kinematics(pose)[0])
@@ -61,7 +61,7 @@ def test_fingers_with_seen_markers_are_accurate(hand: Skeleton, observe_gloves) 
 
 @pytest.mark.slow
 def test_recorded_hands_do_not_jump(motion_data: Path, observe_gloves) -> None:
-    from bodysense_lab.clips import open_clips
+    from bodysense_lab.data.clips import open_clips
     from bodysense_lab.synthesis.motion import hand_motions
 
     worst = []

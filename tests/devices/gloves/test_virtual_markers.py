@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.glove import MARKERS, glove_points, marker_positions
-from bodysense.body.hand_family import GlovedHand, draw_hand, transfer_pose
+from bodysense.body.hands.glove import MARKERS, glove_points, marker_positions
+from bodysense.body.hands.hand_family import GlovedHand, draw_hand, transfer_pose
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.devices.gloves.calibration import checked_fit
@@ -23,10 +23,10 @@ from bodysense.devices.gloves.device import (
 )
 from bodysense.devices.gloves.virtual_markers import SolvedHand, VirtualGlove
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
+from bodysense_lab.papers.two_hands.score.layouts import layouts, wear_glove
 from bodysense_lab.synthesis.glove_stream import observed_markers
 from bodysense_lab.synthesis.hands import synthesize_hand
-from bodysense_lab.two_hands.layouts import layouts, wear_glove
 
 SETS = {layout.key: layout for layout in layouts()}
 RATE = 60.0

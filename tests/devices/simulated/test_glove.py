@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.body.glove import MARKERS, default_glove, glove_points, hand_size, marker_positions, template
-from bodysense.body.hand import hand_pose, hand_skeleton, mirrored_vectors
-from bodysense.body.hand_capsules import hand_capsules
+from bodysense.body.hands.glove import MARKERS, default_glove, glove_points, hand_size, marker_positions, template
+from bodysense.body.hands.hand import hand_pose, hand_skeleton, mirrored_vectors
+from bodysense.body.hands.hand_capsules import hand_capsules
 from bodysense.body.pose import Pose, rest_pose
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import GloveCapture, _mounting, observe, observe_hands, visible
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip
-from bodysense.observation import check_observation
+from bodysense.observing.observation import check_observation
 
 HAND = hand_skeleton(default_skeleton(), "left")
 ABOVE, BELOW = CameraRing(heights=(2.0,), radius=0.8), CameraRing(heights=(-2.0,), radius=0.8)

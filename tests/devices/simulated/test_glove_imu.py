@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.hand import HAND_JOINTS, hand_skeleton
+from bodysense.body.hands.hand import HAND_JOINTS, hand_skeleton
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rotation import geodesic_angle, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.device import simulate
 from bodysense.devices.simulated.glove_imu import GloveImuNoise, observe_fingers
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
-from bodysense.observation import check_observation
+from bodysense.observing.observation import check_observation
 
 UP = np.array([0.0, 1.0, 0.0])
 ONLY = {name: 0.0 for name in ("heading", "tilt", "drift", "strap", "white")}

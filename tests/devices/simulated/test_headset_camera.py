@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body import capsules
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rotation import quaternion_canonical, quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated import headset_camera
 from bodysense.devices.simulated.headset_camera import (
@@ -25,7 +24,8 @@ from bodysense.devices.simulated.headset_camera import (
 )
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
-from bodysense.observation import check_observation
+from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp
+from bodysense.observing.observation import check_observation
 
 EDGE = 2e-6  # m (for the cone, cosine): within this of a tie single precision may give either result
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")

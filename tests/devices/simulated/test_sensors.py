@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.inertial import ALONG, SMOOTHING
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe, observe_points
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
-from bodysense.observation import check_observation
+from bodysense.observing.observation import check_observation
 
 SKELETON = default_skeleton()
 

@@ -7,7 +7,9 @@ import pytest
 
 from bodysense.body.arms import ARM_JOINTS, ARM_POINTS, HAND_POINTS, SIDES, arm_skeleton
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.video.arm_turns import align_arms, palm_rotations, with_palms
+from bodysense.geometry.rotation import (
     normalize,
     quaternion_conjugate,
     quaternion_exp,
@@ -15,8 +17,6 @@ from bodysense.body.rotation import (
     quaternion_multiply,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.video.arm_turns import align_arms, palm_rotations, with_palms
 
 ARMS = arm_skeleton(default_skeleton())
 JOINT = {name: ARM_JOINTS.index(name) for name in ARM_JOINTS}

@@ -13,14 +13,14 @@ import pytest
 from bodysense.body.arms import ARM_JOINTS, arm_rotations
 from bodysense.body.keypoints import ArmKeypoints, body_torso
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.video.arms import ArmFrames, ArmModel, Arms, ArmSettings, load_arms
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
-from bodysense_lab.pahmt.keypoint_noise import DetectorNoise, detect
+from bodysense_lab.papers.pahmt.camera_view import FRONT, sample_cameras, view, view_points
+from bodysense_lab.papers.pahmt.keypoint_noise import DetectorNoise, detect
 
 
 def filmed(clip: Clip, noise: bool = True) -> ArmKeypoints:

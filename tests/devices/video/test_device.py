@@ -14,8 +14,6 @@ import pytest
 from bodysense.body.arms import ARM_JOINTS, HAND_POINTS, SIDES
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rotation import geodesic_angle
-from bodysense.completion.model import CompletionModel
 from bodysense.devices.video.camera_level import remove_roll
 from bodysense.devices.video.device import POINTS, VideoDevice, VideoSettings
 from bodysense.devices.video.landmark_smoothing import smooth_frame
@@ -24,8 +22,10 @@ from bodysense.devices.video.person import PersonState, arm_keypoints, follow
 from bodysense.devices.video.pictures import Picture, VideoBrokenError
 from bodysense.devices.video.watching import WatchedFrames, watch
 from bodysense.errors import BodysenseError
-from bodysense.observation import LANDMARK_ACCURACY
-from bodysense.tracker import Tracker, TrackerSettings
+from bodysense.geometry.rotation import geodesic_angle
+from bodysense.observing.observation import LANDMARK_ACCURACY
+from bodysense.tracking.model import CompletionModel
+from bodysense.tracking.tracker import Tracker, TrackerSettings
 
 from ..conftest import FIELDS, SKELETON, observed, seen_by, together, walking
 

@@ -10,11 +10,11 @@ import pytest
 
 from bodysense.body.arms import SIDES
 from bodysense.body.pose import Pose, rest_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.devices.video.camera_level import remove_roll
 from bodysense.devices.video.device import POINTS, VideoFrames
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 
 from ..conftest import SKELETON, observed, seen_by, together, walking
 

@@ -22,17 +22,17 @@ from virtual import (
 )
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY
 from bodysense.demo import performance_of_unseen_body
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
-from bodysense.io.markers.c3d import write_c3d
+from bodysense.io.markers.formats.c3d import write_c3d
 from bodysense.io.markers.marker_sets import marker_sets, recognised
 from bodysense.io.markers.raw_markers import MarkerFormat, points_alone, read_names
 from bodysense.io.markers.recording import read_markers
-from bodysense.take import track
-from bodysense.tracker import Tracker
+from bodysense.takes.take import track
+from bodysense.tracking.tracker import Tracker
 
 HARDEST = {"foot": 0.03, "neck": 0.03, "elbow": 0.028}  # m; other joints 1.5 cm
 Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our axes → those of most laboratories

@@ -13,18 +13,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.glove import MARKERS, glove_points
-from bodysense.body.glove_set import packaged_sets
+from bodysense.body.hands.glove import MARKERS, glove_points
+from bodysense.body.hands.glove_set import packaged_sets
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.formats.recording import Recording, read_recording, write_recording
 from bodysense.io.markers.checks import check_gloves
-from bodysense.io.markers.csv_table import read_csv
 from bodysense.io.markers.files import read_unlabelled, write_markers
+from bodysense.io.markers.formats.csv_table import read_csv
 from bodysense.io.markers.options import is_marker_file
 from bodysense.io.markers.raw_markers import MarkerFormat, points_alone, read_names
 from bodysense.io.markers.recording import read_markers, with_hands_of
-from bodysense.io.recording import Recording, read_recording, write_recording
-from bodysense.observation import Observation, chosen_points, without_gloves
+from bodysense.observing.observation import Observation, chosen_points, without_gloves
 
 RATE = 30.0
 RELEASE = packaged_sets()["two-hands"]
@@ -177,7 +177,7 @@ def test_names_by_a_table(tmp_path: Path, gloves: Observation) -> None:
     renamed = points_alone(tuple(theirs), gloves.position, gloves.time)
     (tmp_path / "a.json").write_text(json.dumps(theirs))
     (tmp_path / "a.csv").write_text("\n".join(f"{a}, {b}" for a, b in theirs.items()))
-    from bodysense.io.markers.csv_table import write_csv
+    from bodysense.io.markers.formats.csv_table import write_csv
 
     write_csv(tmp_path / "m.csv", renamed)
     for table in ("a.json", "a.csv"):

@@ -13,8 +13,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bodysense.errors import BodysenseError
-from bodysense.io.markers.c3d import read_c3d, write_c3d
 from bodysense.io.markers.files import read_raw
+from bodysense.io.markers.formats.c3d import read_c3d, write_c3d
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.io.markers.recording import read_markers
 

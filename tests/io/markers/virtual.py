@@ -10,8 +10,8 @@ from functools import cache
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton
+from bodysense.geometry.rotation import quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.io.markers.body import body_of
 from bodysense.io.markers.marker_sets import recognised

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
 from importlib.resources import files
 from pathlib import Path
 
 import pytest
 
 from bodysense.cli.show import processor
-from bodysense_lab.unoc.learned import load_model
+from bodysense_lab.papers.unoc.learned import load_model
 from bodysense_lab.weights import packaged
 
 
@@ -61,6 +60,7 @@ def test_data_info_with_occlusion(two_people: Path, tmp_path: Path, run) -> None
             ("take", "--minutes", 0.1),
             {f"{causal}frames_per_{processor}second" for causal in ("", "causal_") for processor in ("", "processor_")},
         ),
+        (("training", "--steps", 1), {"draw_frames_per_second", "step_frames_per_second"}),
         (("import", "--runs", 1), {"package_seconds", "seconds", "numpy_seconds", "torch_imported"}),
     ],
     ids=lambda value: "_".join(map(str, value)) if isinstance(value, tuple) else "",
@@ -82,23 +82,6 @@ def test_bench_step_writes_its_numbers(tmp_path: Path, run) -> None:
     assert set(numbers) == times | {"processor", "cpu_seconds", "mflop", "rss_mb", "file_mb"}
     assert 0 < numbers["p50_ms"] <= numbers["p99_ms"] and numbers["rss_mb"] > 10 and numbers["file_mb"] > 0.1
     assert 0 < numbers["floor_ms"] < numbers["p50_ms"] and numbers["mflop"] > 10
-
-
-def test_an_older_step_that_is_missing_is_refused(tmp_path: Path, refused) -> None:
-    line = refused("bench", "step", "--frames", 8, "--onnx", tmp_path / "completion.onnx")
-    assert "no such model file; give the .onnx that `git show" in line
-
-
-@pytest.mark.slow
-def test_the_last_onnx_step_is_slower(tmp_path: Path, run) -> None:
-    show = ["git", "show", "1d879b8:src/bodysense/weights/completion.onnx"]
-    done = subprocess.run(show, cwd=Path(__file__).parent, capture_output=True, check=False)
-    if done.returncode:
-        pytest.skip("this copy of the repository has no history")
-    (tmp_path / "old.onnx").write_bytes(done.stdout)
-    run("bench", "step", "--frames", 40, "--people", 2, "--onnx", tmp_path / "old.onnx", "--json", tmp_path / "a.json")
-    numbers = json.loads((tmp_path / "a.json").read_text())
-    assert numbers["onnx_p50_ms"] > numbers["p50_ms"] and numbers["onnx_batch2_ms"] > numbers["batch2_ms"]
 
 
 @pytest.mark.slow

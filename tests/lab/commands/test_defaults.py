@@ -16,15 +16,15 @@ from bodysense_lab.commands import completion as completion_commands
 from bodysense_lab.commands import hmd_vae as hmd_vae_commands
 from bodysense_lab.commands import rendering as rendering_commands
 from bodysense_lab.commands import unoc as unoc_commands
-from bodysense_lab.completion import options as completion
-from bodysense_lab.completion.tables import CompletionSettings
-from bodysense_lab.datasets import DataSet
-from bodysense_lab.hmd_vae import options as hmd_vae
-from bodysense_lab.options import TableOptions
-from bodysense_lab.pahmt import options as pahmt
+from bodysense_lab.completion.score.tables import CompletionSettings
+from bodysense_lab.completion.training import options as completion
+from bodysense_lab.core.options import TableOptions
+from bodysense_lab.data.datasets import DataSet
+from bodysense_lab.papers.hmd_vae import options as hmd_vae
+from bodysense_lab.papers.pahmt import options as pahmt
+from bodysense_lab.papers.two_hands import options as two_hands
+from bodysense_lab.papers.unoc import options as unoc
 from bodysense_lab.rendering import options as rendering
-from bodysense_lab.two_hands import options as two_hands
-from bodysense_lab.unoc import options as unoc
 
 
 def defaults_of(kind: Any) -> dict[str, Any]:

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.body.hand import hand_skeleton
+from bodysense.body.hands.hand import hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.cli import main
+from bodysense_lab.papers.two_hands.score import scores
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion
-from bodysense_lab.two_hands import scores
 
 from ...conftest import Refused
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_training_refuses_invalid_options(refused, tmp_path: Path, arguments: tu
 
 
 def test_a_sweep_uses_the_given_settings(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bodysense_lab.hmd_vae import train as body_vae_run
+    from bodysense_lab.papers.hmd_vae import train as body_vae_run
 
     sweeps = []
     monkeypatch.setattr(body_vae_run, "run_sweep", lambda _, configs: sweeps.append(configs))

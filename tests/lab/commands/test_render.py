@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
 from bodysense_lab.rendering.take import list_takes, read_take
 
 from ...conftest import Command, Refused

@@ -15,8 +15,8 @@ from split_people import write_people
 
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
-from bodysense_lab import fit
-from bodysense_lab.completion import publish
+from bodysense_lab.completion.networks import publish
+from bodysense_lab.core import fit
 
 # Options of each command, its log, and the file it writes. `fingers` trains like `upper-body`, tables like networks.
 TRAININGS = {

@@ -12,8 +12,8 @@ import pytest
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.cli.show import processor
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
 
 
 @pytest.fixture
@@ -138,8 +138,8 @@ def test_reliability_and_transitions(tmp_path: Path, waving_clip: Clip, small_ne
 @pytest.mark.slow
 def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Path, run) -> None:
     from bodysense.papers.point_model import Task
-    from bodysense_lab.unoc.export import write_point_network
-    from bodysense_lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig
+    from bodysense_lab.papers.unoc.network.export import write_point_network
+    from bodysense_lab.papers.unoc.network.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig
 
     tasks: tuple[tuple[Task, PointNetworkConfig], ...] = (("upper-body", UPPER_BODY), ("fingers", FINGERS))
     for task, config in tasks:

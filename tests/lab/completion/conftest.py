@@ -10,9 +10,9 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.io.clip import Clip
-from bodysense.observation import Observation
-from bodysense_lab.completion.scenes import TrackedScene, Truth, scene_of
-from bodysense_lab.completion.tracking import TrackedMotion
+from bodysense.observing.observation import Observation
+from bodysense_lab.completion.score.scenes import TrackedScene, Truth, scene_of
+from bodysense_lab.completion.score.tracking import TrackedMotion
 
 # True positions (T, P, 3) m of a scene → output positions.
 PositionChange = Callable[[np.ndarray, TrackedScene], np.ndarray]
@@ -38,13 +38,18 @@ class Oracle:
         return TrackedMotion(position, scene.pose.rotation, confidence, 1.001 * confidence, contact)
 
     def find(self, seen: Observation) -> TrackedScene:
-        """Return the scene with the head's motion of an observation."""
-        head = seen.position[:, seen.points.index("head")]
-        return next(one for one in self.scenes if len(one) == len(head) and np.array_equal(_head(one), head))
+        """Return the scene with the motion of an observation's first frame and length."""
+        return next(one for one in self.scenes if len(one) == len(seen) and _observes(seen, one))
 
 
-def _head(scene: TrackedScene) -> np.ndarray:
-    return scene.world_pose[0][:, scene.skeleton.index("head")]
+def _observes(seen: Observation, scene: TrackedScene) -> bool:
+    """Return whether the first frame of an observation has the positions and rotations of a scene."""
+    places = scene.skeleton.indices(seen.points)
+    position, rotation = (values[0] for values in scene.world_pose)
+    has_position, has_rotation = seen.has_position[0], seen.has_rotation[0]
+    turned = rotation[places[has_rotation]]
+    alike = np.abs((seen.rotation[0, has_rotation] * turned).sum(axis=-1)) > 1 - 1e-12
+    return bool(np.array_equal(seen.position[0, has_position], position[places[has_position]]) and alike.all())
 
 
 @pytest.fixture(scope="session")

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip, at_height
-from bodysense_lab.completion.baselines import cached_mean_body, fit_mean_body
+from bodysense.io.formats.bvh import write_bvh
+from bodysense_lab.completion.score.baselines import cached_mean_body, fit_mean_body
 
 SKELETON = default_skeleton()
 

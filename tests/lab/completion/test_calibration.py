@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from bodysense_lab.completion.scores import Calibration
+from bodysense_lab.completion.score.scores import Calibration
 
 NORMAL = 1.567  # 90 % quantile of lengths of normal errors in space, by their mean
 

@@ -4,10 +4,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from bodysense.observation import INERTIAL_POINTS
-from bodysense_lab.completion.features import WIDTHS, Before, TrackedSignal, mirror_indices, mirror_signs
-from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
-from bodysense_lab.completion.points import SPIN_INDICES, reference_offsets
+from bodysense.observing.observation import INERTIAL_POINTS
+from bodysense_lab.completion.data.points import SPIN_INDICES, reference_offsets
+from bodysense_lab.completion.networks.features import WIDTHS, Before, TrackedSignal, mirror_indices, mirror_signs
+from bodysense_lab.completion.networks.network import CompletionConfig, CompletionNetwork
 
 PEOPLE, FRAMES = 3, 5
 

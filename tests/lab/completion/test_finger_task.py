@@ -11,7 +11,9 @@ import pytest
 import torch
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import BODY, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import (
     geodesic_angle,
     quaternion_conjugate,
     quaternion_exp,
@@ -19,25 +21,23 @@ from bodysense.body.rotation import (
     quaternion_rotate,
     quaternion_to_matrix,
 )
-from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.errors import BodysenseError
 from bodysense_lab.completion import train as training
-from bodysense_lab.completion.batches import HandBatch, SequenceBatch, collate
-from bodysense_lab.completion.corpus import Corpus
-from bodysense_lab.completion.finger_errors import finger_validation, last_known_fingers, mean_hand
-from bodysense_lab.completion.finger_scores import finger_numbers, load_finger_network, score_fingers
-from bodysense_lab.completion.fingers import BENDING_POINTS, FingerConfig, FingerNetwork, finger_positions
-from bodysense_lab.completion.hands import DrawFingers, TrainingHands, hand_kinematics
-from bodysense_lab.completion.losses import FingerLosses, finger_losses
-from bodysense_lab.completion.options import FingerTraining
-from bodysense_lab.completion.points import HAND_JOINTS, HAND_POINTS
-from bodysense_lab.completion.sensor_draws import FINGER_KINDS, FingerMasks, draw_fingers
-from bodysense_lab.completion.sequences import CAMERA, Sequence, SequenceAugmentation, draw_hands, make_sequence
-from bodysense_lab.completion.task import FingerTask, FingerTaskConfig
+from bodysense_lab.completion.data.batches import HandBatch, SequenceBatch, collate
+from bodysense_lab.completion.data.corpus import Corpus
+from bodysense_lab.completion.data.hands import DrawFingers, TrainingHands, hand_kinematics
+from bodysense_lab.completion.data.points import HAND_JOINTS, HAND_POINTS
+from bodysense_lab.completion.data.sensor_draws import FINGER_KINDS, FingerMasks, draw_fingers
+from bodysense_lab.completion.data.sequences import CAMERA, Sequence, SequenceAugmentation, draw_hands, make_sequence
+from bodysense_lab.completion.data.training_bodies import TrainingBody, with_other_hands
+from bodysense_lab.completion.networks.fingers import BENDING_POINTS, FingerConfig, FingerNetwork, finger_positions
+from bodysense_lab.completion.score.finger_errors import finger_validation, last_known_fingers, mean_hand
+from bodysense_lab.completion.score.finger_scores import finger_numbers, load_finger_network, score_fingers
 from bodysense_lab.completion.train import train_fingers, without_person
-from bodysense_lab.completion.training_bodies import TrainingBody, with_other_hands
-from bodysense_lab.fit import launch_fabric
-from bodysense_lab.options import Schedule
+from bodysense_lab.completion.training.losses import FingerLosses, finger_losses
+from bodysense_lab.completion.training.options import FingerTraining
+from bodysense_lab.completion.training.task import FingerTask, FingerTaskConfig
+from bodysense_lab.core.fit import launch_fabric
+from bodysense_lab.core.options import Schedule
 
 SMALL = FingerTaskConfig(network=FingerConfig(16, 16), streams=4, chunk=12, generated_hours=0.01)
 SKELETON = default_skeleton()

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.body.hand import HAND_JOINTS, angles_of, limits, mirrored_rotations, rotations_of
-from bodysense.body.rotation import geodesic_angle
+from bodysense.body.hands.hand import HAND_JOINTS, angles_of, limits, mirrored_rotations, rotations_of
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
-from bodysense_lab.completion.generated_fingers import RATE, generate_fingers, read_fingers, write_fingers
+from bodysense.geometry.rotation import geodesic_angle
+from bodysense_lab.completion.data.generated_fingers import RATE, generate_fingers, read_fingers, write_fingers
 from bodysense_lab.synthesis.hands import FASTEST_FINGER
 
 HOURS = 0.03

@@ -11,15 +11,15 @@ import pytest
 import torch
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import BODY
-from bodysense.completion.joining import keep_tracked_rotations, mean_rotation
-from bodysense.completion.joining_network import load_joining, shift_share
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
-from bodysense_lab.completion import joining_takes
-from bodysense_lab.completion.joining_takes import KINDS, JoinedTake, cached_takes, draw_takes
-from bodysense_lab.completion.joining_task import (
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
+from bodysense.takes.joining import keep_tracked_rotations, mean_rotation
+from bodysense.takes.joining_network import load_joining, shift_share
+from bodysense_lab.completion.data import joining_takes
+from bodysense_lab.completion.data.joining_takes import KINDS, JoinedTake, cached_takes, draw_takes
+from bodysense_lab.completion.training.joining_task import (
     JoiningConfig,
     JoiningModule,
     JoiningTask,
@@ -29,7 +29,7 @@ from bodysense_lab.completion.joining_task import (
     joined_rotation,
     write_joining,
 )
-from bodysense_lab.options import Schedule
+from bodysense_lab.core.options import Schedule
 
 
 @pytest.fixture(scope="module")

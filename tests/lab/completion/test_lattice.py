@@ -4,27 +4,35 @@ from __future__ import annotations
 
 import numpy as np
 
+from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense_lab.completion.lattice import LATTICE_PARTS, random_edges, with_sensor
-from bodysense_lab.completion.options import TABLE_SETS
+from bodysense_lab.completion.data.points import INPUT_POINTS
+from bodysense_lab.completion.kinds.lattice import random_edges, with_sensor
+from bodysense_lab.completion.training.options import TABLE_SETS
 
 
 def test_the_tables_have_known_sensor_sets() -> None:
     assert set(TABLE_SETS) < set(SENSOR_SETS)
 
 
-def test_an_edge_adds_one_sensor() -> None:
-    edges = random_edges(300, np.random.default_rng(1))
-    assert len(edges) == 300
+def test_an_edge_adds_one_sensor_to_any_kind_of_set() -> None:
+    edges = random_edges(600, np.random.default_rng(1))
+    assert len(edges) == 600
     for edge in edges:
-        assert edge.sensor not in edge.fewer.points and set(edge.more.points) - set(edge.fewer.points) == {edge.sensor}
-        assert edge.more == with_sensor(edge.fewer, edge.sensor, edge.kind)
-        assert "head" in edge.fewer.position and "head" in edge.fewer.rotation and not edge.more.camera
-    names = {edge.sensor.removeprefix("left_").removeprefix("right_") for edge in edges}
-    assert names == {*LATTICE_PARTS, "wrist"}
+        assert edge.more == with_sensor(edge.fewer, edge.sensor, edge.kind) and not edge.more.camera
+        told, before = (len(one.position) + len(one.rotation) for one in (edge.more, edge.fewer))
+        assert told - before == (2 if edge.kind == "position and rotation" else 1)
+        for one in (edge.fewer, edge.more):
+            assert len(set(one.position)) == len(one.position) and len(set(one.rotation)) == len(one.rotation)
+            assert one.points and set(one.position) <= set(INPUT_POINTS) and set(one.rotation) <= set(BODY)
+    assert {edge.sensor for edge in edges} == set(INPUT_POINTS)
     assert {edge.kind for edge in edges} == {"position and rotation", "position", "rotation"}
+    heads = {("head" in edge.fewer.position, "head" in edge.fewer.rotation) for edge in edges}
+    assert heads == {(True, True), (True, False), (False, True), (False, False)}
+    of_head = {edge.kind for edge in edges if edge.sensor == "head"}
+    assert of_head == {"position and rotation", "position", "rotation"}
     size = [len(edge.fewer.points) for edge in edges]
-    assert min(size) == 1 and max(size) > 8
+    assert min(size) == 1 and max(size) > 12
 
 
 def test_the_same_edges_are_drawn_again() -> None:

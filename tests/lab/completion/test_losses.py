@@ -9,15 +9,15 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense_lab.completion.batches import SequenceBatch
-from bodysense_lab.completion.features import Before, TrackedSignal
-from bodysense_lab.completion.losses import SLACK, Losses, losses
-from bodysense_lab.completion.network import (
+from bodysense_lab.completion.data.batches import SequenceBatch
+from bodysense_lab.completion.data.points import BODY_POINTS, CONTACT, HEAD
+from bodysense_lab.completion.networks.features import Before, TrackedSignal
+from bodysense_lab.completion.networks.network import (
     CompletionConfig,
     CompletionNetwork,
     Prediction,
 )
-from bodysense_lab.completion.points import BODY_POINTS, CONTACT, HEAD
+from bodysense_lab.completion.training.losses import SLACK, Losses, losses
 
 BATCH, FRAMES, JOINTS, POINTS = 2, 4, len(BODY), len(BODY_POINTS)
 TURN_WEIGHT = {"ankle": 0.6, "foot": 0.3, "collar": 1.5, "shoulder": 2.0, "elbow": 2.5}
@@ -73,6 +73,7 @@ def random_case(seed: int) -> tuple[Prediction, SequenceBatch]:
         contact=some(FRAMES, 4).float(),
         valid=torch.from_numpy(valid),
         begins=torch.ones(BATCH, dtype=torch.bool),
+        usual=torch.tensor([True, False]),
     )
     axes = turned(FRAMES, JOINTS)[..., :2]  # orthonormal columns, which define the rotation without Gram-Schmidt
     return Prediction(axes, number(FRAMES, 3), number(FRAMES, 4), 0.01 + number(FRAMES, POINTS).abs()), batch

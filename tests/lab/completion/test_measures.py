@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.completion.measures import motion_measures
-from bodysense_lab.completion.scores import RunningScores
+from bodysense_lab.completion.score.measures import motion_measures
+from bodysense_lab.completion.score.scores import RunningScores
 
 BODY = default_skeleton()
 FEET = [BODY.index(f"{side}_foot") for side in ("left", "right")]

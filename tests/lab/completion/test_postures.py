@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_to_matrix
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply, quaternion_to_matrix
 from bodysense.io.clip import Clip
-from bodysense_lab.completion.postures import KINDS, apply_posture
+from bodysense_lab.completion.data.postures.postures import KINDS, apply_posture
 
 RATE = 30.0
 Standing = tuple[np.ndarray, np.ndarray, np.ndarray]

@@ -11,17 +11,17 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bodysense.demo import packaged_performance
-from bodysense_lab.completion.batches import SequenceBatch
-from bodysense_lab.completion.corpus import corpus_of
-from bodysense_lab.completion.error_map import identity_map
-from bodysense_lab.completion.features import WIDTHS
-from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
-from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
-from bodysense_lab.completion.points import HEAD
-from bodysense_lab.completion.rounding import round_weights, rounded, sample_moments
-from bodysense_lab.completion.task import CompletionTask, CompletionTaskConfig
-from bodysense_lab.completion.weights_file import TrainedNetworks, read_weights, row_step, write_weights
-from bodysense_lab.options import Schedule
+from bodysense_lab.completion.data.batches import SequenceBatch
+from bodysense_lab.completion.data.corpus import corpus_of
+from bodysense_lab.completion.data.points import HEAD
+from bodysense_lab.completion.networks.error_map import identity_map
+from bodysense_lab.completion.networks.features import WIDTHS
+from bodysense_lab.completion.networks.fingers import FingerConfig, FingerNetwork
+from bodysense_lab.completion.networks.network import CompletionConfig, CompletionNetwork
+from bodysense_lab.completion.networks.rounding import round_weights, rounded, sample_moments
+from bodysense_lab.completion.networks.weights_file import TrainedNetworks, read_weights, row_step, write_weights
+from bodysense_lab.completion.training.task import CompletionTask, CompletionTaskConfig
+from bodysense_lab.core.options import Schedule
 
 SMALL = CompletionConfig(hidden=16, branch=16, judge_branch=8)
 

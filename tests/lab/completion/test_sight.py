@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodysense.body.rotation import quaternion_exp
-from bodysense_lab.completion import sight
+from bodysense.geometry.rotation import quaternion_exp
+from bodysense_lab.completion.score.sight import sight
 
 RATE = 30.0
 UP, AHEAD = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -42,7 +42,7 @@ def test_the_truth_has_no_faults(seed: int) -> None:
     assert sight.false_steps(truth[:, :2], truth[:, :2], RATE) == 0
     assert sight.missed_steps(truth[:, :2], truth[:, :2], RATE)[0] == 0
     facing = np.tile([1.0, 0.0, 0.0, 0.0], (len(truth), 1))
-    assert not sight.wrong_feet(truth[:, :2], truth[:, :2], facing).any()
+    assert not sight.wrong_feet(truth[:, :2], truth[:, :2], facing)[1].any()
     curve = sight.transition_jerks(truth, [10, 20], RATE).mean(axis=0)
     assert sight.peak_jerk_ratio(curve, curve) == 1 and sight.area_under_jerk(curve, curve) == 0
 
@@ -60,7 +60,8 @@ def test_measures_do_not_depend_on_the_place_in_the_world(seed: int, turn: float
             sight.frozen_points(output, truth, tracked, RATE).sum(),
             sight.false_steps(output[:, :2], truth[:, :2], RATE),
             *sight.missed_steps(output[:, :2], truth[:, :2], RATE),
-            sight.wrong_feet(output[:, :2], truth[:, :2], facing).sum(),
+            *(mask.sum() for mask in sight.wrong_feet(output[:, :2], truth[:, :2], facing)),
+            sight.walking_frames(truth[:, 0], RATE).sum(),
             sight.reentry_speeds(output, tracked, RATE).sum(),
             sight.transition_jerks(output, [10], RATE).sum(),
         ]
@@ -148,7 +149,16 @@ def test_wrong_feet_are_counted_in_strides() -> None:
     output = truth.copy()
     output[[1, 2, 3], 0, 2] *= -1  # the fourth has no stride
     facing = np.tile([1.0, 0.0, 0.0, 0.0], (6, 1))
-    np.testing.assert_array_equal(sight.wrong_feet(output, truth, facing), [False, True, True, False, False])
+    stride, wrong = sight.wrong_feet(output, truth, facing)
+    np.testing.assert_array_equal(stride, [True, True, True, False, True, True])
+    np.testing.assert_array_equal(wrong, [False, True, True, False, False, False])
+
+
+@pytest.mark.parametrize(("speed", "walks"), [(0.2, False), (0.4, True), (1.2, True)])
+def test_a_pelvis_walks_by_its_speed_along_the_floor(speed: float, walks: bool) -> None:
+    time = np.arange(60) / RATE
+    pelvis = np.stack([0.6 * speed * time, 1 + 0.5 * np.sin(9 * time), 0.8 * speed * time], axis=-1)
+    assert (sight.walking_frames(pelvis, RATE) == walks).all()
 
 
 def test_a_foot_steps_while_both_stand() -> None:

@@ -12,25 +12,25 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from bodysense.body.person import Person
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import LOWER_BODY
 from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.observation import Observation, check_observation
-from bodysense_lab.completion.blinks import EVERY, FINGER, gap_seconds, lose_hands, with_finger
-from bodysense_lab.completion.clip_results import ClipResults
-from bodysense_lab.completion.measures import count_jumps
-from bodysense_lab.completion.scenes import TrackedScene
-from bodysense_lab.completion.scores import histogram, percentile
-from bodysense_lab.completion.scoring import evaluate_completion
-from bodysense_lab.completion.sight_scores import CellScores, measure_sight, measure_transitions
-from bodysense_lab.completion.tables import CompletionSettings, WorstFrame
-from bodysense_lab.completion.tracking import TrackedMotion, track_people
-from bodysense_lab.completion.worst import draw_worst, worst_frames
-from bodysense_lab.scoring import RATE
+from bodysense.observing.observation import Observation, check_observation
+from bodysense_lab.completion.data.blinks import EVERY, FINGER, gap_seconds, lose_hands, with_finger
+from bodysense_lab.completion.score.clip_results import ClipResults
+from bodysense_lab.completion.score.measures import count_jumps
+from bodysense_lab.completion.score.scenes import TrackedScene
+from bodysense_lab.completion.score.scores import histogram, percentile
+from bodysense_lab.completion.score.scoring import evaluate_completion
+from bodysense_lab.completion.score.sight.sight_scores import CellScores, measure_sight, measure_transitions
+from bodysense_lab.completion.score.tables import CompletionSettings, WorstFrame
+from bodysense_lab.completion.score.tracking import TrackedMotion, track_people
+from bodysense_lab.completion.score.worst import draw_worst, worst_frames
+from bodysense_lab.core.scoring import RATE
 
 from .conftest import Oracle
 

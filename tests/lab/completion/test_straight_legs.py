@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
-from bodysense_lab.completion.limbs import hips_of, limb_of
-from bodysense_lab.completion.postures import apply_posture
-from bodysense_lab.completion.straight_legs import straightened
+from bodysense.geometry.rotation import quaternion_to_matrix
+from bodysense_lab.completion.data.postures.limbs import hips_of, limb_of
+from bodysense_lab.completion.data.postures.postures import apply_posture
+from bodysense_lab.completion.data.postures.straight_legs import straightened
 
 Motion = tuple[np.ndarray, np.ndarray, np.ndarray, float]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
-from bodysense_lab.completion.scenes import TrackedScene, person_of
-from bodysense_lab.completion.tracking import PeopleTracker, TakeTracker, step_times, track_people
+from bodysense_lab.completion.score.scenes import TrackedScene, person_of
+from bodysense_lab.completion.score.tracking import PeopleTracker, TakeTracker, step_times, track_people
 
 
 def test_other_people_in_a_batch_change_no_bit(scenes: list[TrackedScene]) -> None:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from bodysense_lab.completion.error_map import INPUTS, MASKS, POINTS, ErrorMap, identity_map
-from bodysense_lab.completion.publish import ErrorSamples, fit_error_map
+from bodysense_lab.completion.networks.error_map import INPUTS, MASKS, POINTS, ErrorMap, identity_map
+from bodysense_lab.completion.networks.publish import ErrorSamples, fit_error_map
 
 
 def samples(count: int = 6000) -> ErrorSamples:

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.cli import main
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
-from bodysense.observation import check_observation
-from bodysense_lab.completion import wearer_scores
-from bodysense_lab.completion.rare_poses import RARE, rare_pose
-from bodysense_lab.completion.sight import backward_knees, knee_flexion
-from bodysense_lab.completion.wearers import (
+from bodysense.geometry.rotation import quaternion_exp, quaternion_rotate
+from bodysense.observing.observation import check_observation
+from bodysense_lab.completion.score.rare_poses import RARE, rare_pose
+from bodysense_lab.completion.score.sight import wearer_scores
+from bodysense_lab.completion.score.sight.sight import backward_knees, knee_flexion
+from bodysense_lab.completion.score.sight.wearers import (
     FILE,
     RAISES,
     TAKES,

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import torch
 
-from bodysense.completion.model import load_completion
 from bodysense.errors import BodysenseError
-from bodysense_lab.completion.error_map import CERTAINTY_SCALE, INPUTS, POINTS, ErrorMap, identity_map
-from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
-from bodysense_lab.completion.network import CompletionConfig, CompletionNetwork
-from bodysense_lab.completion.weights_file import (
+from bodysense.tracking.model import load_completion
+from bodysense_lab.completion.networks.error_map import CERTAINTY_SCALE, INPUTS, POINTS, ErrorMap, identity_map
+from bodysense_lab.completion.networks.fingers import FingerConfig, FingerNetwork
+from bodysense_lab.completion.networks.network import CompletionConfig, CompletionNetwork
+from bodysense_lab.completion.networks.weights_file import (
     TrainedNetworks,
     read_safetensors,
     read_weights,

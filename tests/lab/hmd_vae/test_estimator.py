@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 
 from bodysense.body.body_joints import body_skeleton
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import THREE_POINT, THREE_POINTS, observe
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
 from bodysense.papers.hmd_vae import (
     BodyVaeEstimator,
     BodyVaeModel,

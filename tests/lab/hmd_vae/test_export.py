@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 import torch
 
-from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.papers.hmd_vae import BodyVaeModel, load_body_vae
-from bodysense_lab.hmd_vae.body_windows import make_batch
-from bodysense_lab.hmd_vae.export import InWorld, write_vae_onnx
-from bodysense_lab.hmd_vae.frames import BodyFrames, read_body_frames
-from bodysense_lab.hmd_vae.network import BodyVae, read_vae
-from bodysense_lab.hmd_vae.options import BodyVaeConfig, Model
+from bodysense_lab.papers.hmd_vae.body_windows import make_batch
+from bodysense_lab.papers.hmd_vae.export import InWorld, write_vae_onnx
+from bodysense_lab.papers.hmd_vae.frames import BodyFrames, read_body_frames
+from bodysense_lab.papers.hmd_vae.network import BodyVae, read_vae
+from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig, Model
 
 Window = tuple[np.ndarray, np.ndarray, np.ndarray]
 

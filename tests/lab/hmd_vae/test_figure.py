@@ -11,7 +11,7 @@ from matplotlib.image import imread
 from bodysense.body.pose import forward_kinematics
 from bodysense.cli import main
 from bodysense.io.clip import Clip
-from bodysense_lab.hmd_vae.figure import draw_reconstructions, mean_errors, row_label
+from bodysense_lab.papers.hmd_vae.figure import draw_reconstructions, mean_errors, row_label
 
 
 def test_bodies_are_coloured_by_their_error(short_clip: Clip, tmp_path: Path) -> None:

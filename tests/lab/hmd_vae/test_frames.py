@@ -11,10 +11,10 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh import write_bvh
 from bodysense.io.resample import resample
-from bodysense_lab.hmd_vae.frames import (
+from bodysense_lab.papers.hmd_vae.frames import (
     TEST_LENGTH,
     held_out,
     read_body_frames,

@@ -13,12 +13,19 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate, quaternion_to_matrix
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
-from bodysense_lab.hmd_vae.body_windows import Joints, frame_of, seen_from
-from bodysense_lab.hmd_vae.network import BodyVae, OverTime, kl_divergence, pretrained, read_vae, squared_distance
-from bodysense_lab.hmd_vae.options import BodyVaeConfig, Origin
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate, quaternion_to_matrix
+from bodysense_lab.papers.hmd_vae.body_windows import Joints, frame_of, seen_from
+from bodysense_lab.papers.hmd_vae.network import (
+    BodyVae,
+    OverTime,
+    kl_divergence,
+    pretrained,
+    read_vae,
+    squared_distance,
+)
+from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig, Origin
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 HEAD = BODY.index("head")

@@ -12,22 +12,22 @@ import torch
 
 from bodysense.body.body_joints import body_pose
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import quaternion_log
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
+from bodysense.geometry.rotation import quaternion_log
 from bodysense.io.clip import Clip
-from bodysense.metrics import jitter, rotation_error, velocity_error
-from bodysense_lab.checkpoint import write_weights_file
-from bodysense_lab.datasets import Census, DataSet
-from bodysense_lab.hmd_vae.frames import BodyFrames, read_body_frames
-from bodysense_lab.hmd_vae.network import BodyVae
-from bodysense_lab.hmd_vae.options import BodyVaeConfig
-from bodysense_lab.hmd_vae.scores import JOINTS, Scored, answers, measures, over_sequences, score_vae, vaes_in
-from bodysense_lab.hmd_vae.tables import best_of, metrics_report, vae_report
-from bodysense_lab.hmd_vae.task import joint_errors
-from bodysense_lab.scoring import Tally
-from bodysense_lab.tallies import Tallies
+from bodysense.io.formats.bvh import write_bvh
+from bodysense.quality.metrics import jitter, rotation_error, velocity_error
+from bodysense_lab.core.checkpoint import write_weights_file
+from bodysense_lab.core.scoring import Tally
+from bodysense_lab.core.tallies import Tallies
+from bodysense_lab.data.datasets import Census, DataSet
+from bodysense_lab.papers.hmd_vae.frames import BodyFrames, read_body_frames
+from bodysense_lab.papers.hmd_vae.network import BodyVae
+from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig
+from bodysense_lab.papers.hmd_vae.scores import JOINTS, Scored, answers, measures, over_sequences, score_vae, vaes_in
+from bodysense_lab.papers.hmd_vae.tables import best_of, metrics_report, vae_report
+from bodysense_lab.papers.hmd_vae.task import joint_errors
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8)
 HEAD = BODY.index("head")
@@ -155,7 +155,7 @@ def test_published_figures_are_in_the_table(tmp_path: Path) -> None:
 
 
 def test_short_clips_are_not_counted(tmp_path: Path, waving_clip: Clip) -> None:
-    from bodysense_lab.hmd_vae.scores import read_test
+    from bodysense_lab.papers.hmd_vae.scores import read_test
 
     for name, length in (("long", 90), ("short", 40)):
         write_bvh(tmp_path / f"{name}.bvh", replace(waving_clip, pose=waving_clip.pose[:length]))

@@ -13,20 +13,20 @@ import torch
 from lightning_fabric import Fabric
 from split_people import person_of, write_people
 
-from bodysense.body.rotation import quaternion_to_matrix
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_to_matrix
 from bodysense.io.clip import Clip
 from bodysense.papers.hmd_vae import load_body_vae
-from bodysense_lab.augment import mirrored as mirrored_clip
-from bodysense_lab.checkpoint import write_weights_file
-from bodysense_lab.fit import Progress, fit, rate_at
-from bodysense_lab.hmd_vae.body_windows import VaeBatch, make_batch, mirrored
-from bodysense_lab.hmd_vae.frames import BodyFrames, read_body_frames
-from bodysense_lab.hmd_vae.network import BodyVae, read_vae
-from bodysense_lab.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
-from bodysense_lab.hmd_vae.task import VaeTask, joint_errors
-from bodysense_lab.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep_name
+from bodysense_lab.core.checkpoint import write_weights_file
+from bodysense_lab.core.fit import Progress, fit, rate_at
+from bodysense_lab.data.augment import mirrored as mirrored_clip
+from bodysense_lab.papers.hmd_vae.body_windows import VaeBatch, make_batch, mirrored
+from bodysense_lab.papers.hmd_vae.frames import BodyFrames, read_body_frames
+from bodysense_lab.papers.hmd_vae.network import BodyVae, read_vae
+from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
+from bodysense_lab.papers.hmd_vae.task import VaeTask, joint_errors
+from bodysense_lab.papers.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep_name
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 SCHEDULE = VaeSchedule(steps=4, batch=8, check_every=2)

@@ -9,10 +9,10 @@ import pytest
 
 from bodysense.body.arms import ARM_JOINTS, arm_rotations
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import geodesic_angle
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
-from bodysense_lab.augment import mirrored
-from bodysense_lab.pahmt.recordings import with_arms_of, with_wandering_arms
+from bodysense_lab.data.augment import mirrored
+from bodysense_lab.papers.pahmt.recordings import with_arms_of, with_wandering_arms
 
 
 def first(clip: Clip, frames: int) -> Clip:

@@ -10,11 +10,11 @@ import pytest
 from bodysense.body.arms import HAND_POINTS
 from bodysense.body.keypoints import ArmKeypoints, Camera
 from bodysense.body.pose import rest_pose, standing_pose
-from bodysense.body.rotation import geodesic_angle, quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp
 from bodysense.io.clip import Clip
-from bodysense_lab.pahmt.camera_view import FRONT, VIEW_POINTS, CameraRange, sample_cameras, view, view_points
+from bodysense_lab.papers.pahmt.camera_view import FRONT, VIEW_POINTS, CameraRange, sample_cameras, view, view_points
 
 
 def filmed(clip: Clip, seed: int) -> tuple[np.ndarray, Camera, ArmKeypoints]:

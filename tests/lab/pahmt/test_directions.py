@@ -8,7 +8,8 @@ import torch
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.arms import ARM_JOINTS, SIDES, arm_skeleton
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import (
     matrix_to_quaternion,
     matrix_to_sixd,
     normalize,
@@ -16,8 +17,7 @@ from bodysense.body.rotation import (
     quaternion_to_matrix,
     sixd_to_matrix,
 )
-from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.pahmt.network import blend_directions, hinged
+from bodysense_lab.papers.pahmt.network import blend_directions, hinged
 
 BONES = torch.tensor(
     arm_skeleton(default_skeleton()).rest_offset[

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bodysense.body.keypoints import ArmKeypoints
-from bodysense.body.rotation import geodesic_angle, normalize
-from bodysense_lab.pahmt.keypoint_noise import DetectorNoise, detect
+from bodysense.geometry.rotation import geodesic_angle, normalize
+from bodysense_lab.papers.pahmt.keypoint_noise import DetectorNoise, detect
 
 NEITHER = (0.0, 0.0)
 NONE = DetectorNoise(

@@ -11,10 +11,10 @@ import torch
 from torch.nn.functional import scaled_dot_product_attention
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.pahmt.features import Window, held
-from bodysense_lab.pahmt.network import ArmNetwork, Attention, Convolutions, read_arms
-from bodysense_lab.pahmt.options import ArmNetworkConfig, Input, Kind
-from bodysense_lab.pahmt.task import Discriminator
+from bodysense_lab.papers.pahmt.features import Window, held
+from bodysense_lab.papers.pahmt.network import ArmNetwork, Attention, Convolutions, read_arms
+from bodysense_lab.papers.pahmt.options import ArmNetworkConfig, Input, Kind
+from bodysense_lab.papers.pahmt.task import Discriminator
 
 SMALL: dict[str, Any] = {
     "width": 16,

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.arms import HAND_POINTS, SIDES
 from bodysense.body.pose import forward_kinematics, rest_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.pahmt.features import PALM, palm_turns
+from bodysense_lab.papers.pahmt.features import PALM, palm_turns
 
 
 def flat_palms() -> np.ndarray:

@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.body.arms import ARM_JOINTS
 from bodysense.errors import BodysenseError
-from bodysense.io.bvh import write_bvh
 from bodysense.io.clip import Clip
-from bodysense_lab.chart import LinePanel
-from bodysense_lab.datasets import DataSet
-from bodysense_lab.pahmt.errors import EVERY, table_errors
-from bodysense_lab.pahmt.options import FINGERS
-from bodysense_lab.pahmt.tables import arm_report, rows_in, score_arms
+from bodysense.io.formats.bvh import write_bvh
+from bodysense_lab.core.chart import LinePanel
+from bodysense_lab.data.datasets import DataSet
+from bodysense_lab.papers.pahmt.errors import EVERY, table_errors
+from bodysense_lab.papers.pahmt.options import FINGERS
+from bodysense_lab.papers.pahmt.tables import arm_report, rows_in, score_arms
 
 
 def turns(seed: int = 0) -> Rotation:

@@ -12,20 +12,20 @@ import pytest
 import torch
 from split_people import write_people
 
-from bodysense.body.rotation import normalize, quaternion_canonical
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import normalize, quaternion_canonical
 from bodysense.io.clip import Clip
-from bodysense_lab.augment import mirrored as mirrored_clip
-from bodysense_lab.fit import Progress, fit
-from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
-from bodysense_lab.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
-from bodysense_lab.pahmt.features import Window, window_of
-from bodysense_lab.pahmt.network import ArmNetwork, read_arms
-from bodysense_lab.pahmt.options import ArmNetworkConfig, ArmSchedule, ArmTableTraining, VideoSimulation
-from bodysense_lab.pahmt.recordings import ArmBatch, ArmRecordings, make_batch, read_arm_recordings
-from bodysense_lab.pahmt.task import ArmTask, Pair, arm_loss, batch_of, validate_arms
-from bodysense_lab.pahmt.train import row_run, run_table
-from bodysense_lab.precision import layer_autocast
+from bodysense_lab.core.fit import Progress, fit
+from bodysense_lab.core.precision import layer_autocast
+from bodysense_lab.data.augment import mirrored as mirrored_clip
+from bodysense_lab.papers.pahmt.camera_view import FRONT, sample_cameras, view, view_points
+from bodysense_lab.papers.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
+from bodysense_lab.papers.pahmt.features import Window, window_of
+from bodysense_lab.papers.pahmt.network import ArmNetwork, read_arms
+from bodysense_lab.papers.pahmt.options import ArmNetworkConfig, ArmSchedule, ArmTableTraining, VideoSimulation
+from bodysense_lab.papers.pahmt.recordings import ArmBatch, ArmRecordings, make_batch, read_arm_recordings
+from bodysense_lab.papers.pahmt.task import ArmTask, Pair, arm_loss, batch_of, validate_arms
+from bodysense_lab.papers.pahmt.train import row_run, run_table
 
 SMALL: dict[str, Any] = {
     "width": 16,

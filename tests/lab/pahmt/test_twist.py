@@ -7,11 +7,11 @@ from scipy.spatial.transform import Rotation
 from bodysense.body.arms import ARM_JOINTS, arm_rotations, with_arms
 from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.pose import Pose, rest_pose
-from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import quaternion_canonical
 from bodysense.io.clip import Clip
-from bodysense_lab.pahmt.errors import ARMS, TWISTS, arm_errors, twist_errors
-from bodysense_lab.pahmt.tables import solved_from_positions
+from bodysense_lab.papers.pahmt.errors import ARMS, TWISTS, arm_errors, twist_errors
+from bodysense_lab.papers.pahmt.tables import solved_from_positions
 
 SKELETON = default_skeleton()
 

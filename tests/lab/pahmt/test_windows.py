@@ -11,14 +11,14 @@ import torch
 from bodysense.body.arms import ARM_JOINTS, arm_skeleton
 from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
-from bodysense_lab.augment import mirrored
-from bodysense_lab.pahmt.camera_view import FRONT, view_points
-from bodysense_lab.pahmt.options import VideoSimulation
-from bodysense_lab.pahmt.recordings import ArmRecordings, arm_positions, film, make_batch, read_arm_recordings
+from bodysense_lab.data.augment import mirrored
+from bodysense_lab.papers.pahmt.camera_view import FRONT, view_points
+from bodysense_lab.papers.pahmt.options import VideoSimulation
+from bodysense_lab.papers.pahmt.recordings import ArmRecordings, arm_positions, film, make_batch, read_arm_recordings
 
 PLAIN = VideoSimulation(cameras=FRONT, keypoints="perfect", mirrored=False, begun=0.0)
 

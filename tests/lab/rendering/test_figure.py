@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense_lab.rendering.character import FIGURES, FigureName, load_figure
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense_lab.pahmt.camera_view import view_points
+from bodysense_lab.papers.pahmt.camera_view import view_points
 from bodysense_lab.rendering.character import FIGURES
 from bodysense_lab.rendering.take import GESTURES, RenderedTake, gesture, plan_gestures
 

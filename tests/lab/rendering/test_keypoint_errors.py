@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bodysense.body.keypoints import ArmKeypoints, Camera
-from bodysense.body.rotation import normalize, quaternion_exp, quaternion_multiply
+from bodysense.geometry.rotation import normalize, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
-from bodysense_lab.pahmt.camera_view import FRONT, sample_cameras, view, view_points
-from bodysense_lab.pahmt.keypoint_noise import DetectorNoise, detect, flattened
+from bodysense_lab.papers.pahmt.camera_view import FRONT, sample_cameras, view, view_points
+from bodysense_lab.papers.pahmt.keypoint_noise import DetectorNoise, detect, flattened
 from bodysense_lab.rendering.keypoint_errors import ARM_BONES, keypoint_errors, noise_figures
 
 

@@ -5,10 +5,10 @@ import pytest
 
 from bodysense.body.arms import HAND_POINTS, SIDES
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense_lab.rendering.landmark_ik import LandmarkIk
 
 SKELETON = default_skeleton()
@@ -59,7 +59,7 @@ def landmarks_of(poses: list[Pose], scale: float = 1.0) -> PersonLandmarks:
 
 
 def _turned(q: np.ndarray, vector: np.ndarray) -> np.ndarray:
-    from bodysense.body.rotation import quaternion_rotate
+    from bodysense.geometry.rotation import quaternion_rotate
 
     return np.asarray(quaternion_rotate(q, vector))
 

@@ -10,15 +10,15 @@ import pytest
 from bodysense.body.arms import ARM_JOINTS, HAND_POINTS, SIDES
 from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import quaternion_rotate
-from bodysense.completion.model import CompletionModel
 from bodysense.devices.video.arms import ArmModel
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_rotate
 from bodysense.io.clip import Clip
-from bodysense_lab.pahmt.camera_view import view, view_points
-from bodysense_lab.pahmt.errors import arm_errors
+from bodysense.tracking.model import CompletionModel
+from bodysense_lab.papers.pahmt.camera_view import view, view_points
+from bodysense_lab.papers.pahmt.errors import arm_errors
 from bodysense_lab.rendering import tables as video_rendered
 from bodysense_lab.rendering.keypoint_errors import bones_of
 from bodysense_lab.rendering.scene import move_camera

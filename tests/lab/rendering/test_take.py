@@ -11,7 +11,7 @@ from bodysense.body.keypoints import Camera
 from bodysense.body.pose import rest_pose
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense_lab.pahmt.camera_view import view, view_points
+from bodysense_lab.papers.pahmt.camera_view import view, view_points
 from bodysense_lab.rendering.character import FIGURES, load_figure
 from bodysense_lab.rendering.renderer import Renderer, open_renderer
 from bodysense_lab.rendering.scene import Scene, move_camera, sample_camera, sample_scene

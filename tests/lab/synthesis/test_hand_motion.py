@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.body.hand import FINGERTIPS, HAND_JOINTS, angles_of, limits, mirrored_vectors
+from bodysense.body.hands.hand import FINGERTIPS, HAND_JOINTS, angles_of, limits, mirrored_vectors
 from bodysense.body.pose import forward_kinematics
 from bodysense.io.clip import Clip
-from bodysense_lab.clips import open_clips
+from bodysense_lab.data.clips import open_clips
 from bodysense_lab.synthesis.motion import hand_motions, hand_pairs
 
 

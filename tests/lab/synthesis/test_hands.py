@@ -7,13 +7,13 @@ import time
 import numpy as np
 import pytest
 
-from bodysense.body.glove import hand_size
-from bodysense.body.hand import FREEDOMS, angles_of, hand_skeleton, limits
-from bodysense.body.hand_capsules import hand_capsules, mutual_depth, own_depth
+from bodysense.body.hands.glove import hand_size
+from bodysense.body.hands.hand import FREEDOMS, angles_of, hand_skeleton, limits
+from bodysense.body.hands.hand_capsules import hand_capsules, mutual_depth, own_depth
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense_lab.synthesis.gestures import GESTURES, NAMES, draw_key_poses, key_poses
 from bodysense_lab.synthesis.hand_contact import PRESS_DEPTH, _measure_contacts, pose_hand, solve_contacts
 from bodysense_lab.synthesis.hands import synthesize_hand, varied_hand

@@ -6,11 +6,11 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.body.glove import default_glove, marker_positions
+from bodysense.body.hands.glove import default_glove, marker_positions
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.gap_fillers import NetworkGapFiller
+from bodysense_lab.papers.two_hands.continuity import Continuity
 from bodysense_lab.synthesis.hands import synthesize_hand
-from bodysense_lab.two_hands.continuity import Continuity
 
 MARKER = 5
 INTERVAL = 1 / 60  # s

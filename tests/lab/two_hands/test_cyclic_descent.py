@@ -8,10 +8,10 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from bodysense.body.hand import FINGERS, HAND_JOINTS, joint_bases, limits, rotations_of
+from bodysense.body.hands.hand import FINGERS, HAND_JOINTS, joint_bases, limits, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense_lab.two_hands.baselines import FingerLimits, solve_fingers
+from bodysense_lab.papers.two_hands.score.baselines import FingerLimits, solve_fingers
 
 
 def posed(hand: Skeleton, angles: np.ndarray) -> np.ndarray:

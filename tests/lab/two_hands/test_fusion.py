@@ -9,18 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.body.glove import MARKERS
-from bodysense.body.hand import FINGERS
-from bodysense.body.hand_family import draw_hand
+from bodysense.body.hands.glove import MARKERS
+from bodysense.body.hands.hand import FINGERS
+from bodysense.body.hands.hand_family import draw_hand
 from bodysense.devices.gloves import gap_fillers
 from bodysense.devices.gloves.hands import load_glove_models
 from bodysense.devices.gloves.inertial import InertialSettings
 from bodysense_lab.commands.gloves import gloves_settings
-from bodysense_lab.datasets import Census
+from bodysense_lab.data.datasets import Census
+from bodysense_lab.papers.two_hands.score import choice, fusion
+from bodysense_lab.papers.two_hands.score.scores import GloveTable, HandTask, _of_people
+from bodysense_lab.papers.two_hands.trials import HandErrors, Trials, cut, hide_some
 from bodysense_lab.synthesis.hands import synthesize_hand
-from bodysense_lab.two_hands import choice, fusion
-from bodysense_lab.two_hands.scores import GloveTable, HandTask, _of_people
-from bodysense_lab.two_hands.trials import HandErrors, Trials, cut, hide_some
 
 
 @pytest.fixture(scope="module")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.hand import hand_skeleton, rotations_of
+from bodysense.body.hands.hand import hand_skeleton, rotations_of
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.simulated.camera_ring import CameraRing
-from bodysense_lab.datasets import Census
-from bodysense_lab.two_hands.hand_pairs import SYNTHESISED, HandPair, synthesised_pair
-from bodysense_lab.two_hands.limits import (
+from bodysense_lab.data.datasets import Census
+from bodysense_lab.papers.two_hands.score.hand_pairs import SYNTHESISED, HandPair, synthesised_pair
+from bodysense_lab.papers.two_hands.score.limits import (
     Findings,
     count_jumps,
     count_penetration,
@@ -21,7 +21,7 @@ from bodysense_lab.two_hands.limits import (
     measure_pair,
     points_of,
 )
-from bodysense_lab.two_hands.limits_report import LINES, limits_report
+from bodysense_lab.papers.two_hands.score.limits_report import LINES, limits_report
 
 HAND = hand_skeleton(default_skeleton(), "left")
 
@@ -74,12 +74,14 @@ def test_a_touch_is_kept_or_lost() -> None:
     apart = -(HAND.path @ HAND.rest_offset)[HAND.index("middle_tip"), 0]
     truth = still(apart - 0.0005, np.zeros(26))  # 1 mm between the middle fingertips
     findings = Findings()
-    count_touches(findings, "before", still(apart - 0.005, np.zeros(26)), truth)
-    count_touches(findings, "after", truth, truth)
+    count_touches(findings, still(apart - 0.005, np.zeros(26)), truth)
     numbers = findings.numbers()
-    assert numbers["touch_gap_mm_before"] == pytest.approx(10) and numbers["touch_kept_share_before"] == 0
-    assert numbers["touch_gap_mm_after"] == pytest.approx(1) and numbers["touch_kept_share_after"] == 1
-    assert "pinch_gap_mm_after" not in numbers
+    assert numbers["touch_gap_mm_output"] == pytest.approx(10) and numbers["touch_kept_share_output"] == 0
+    findings = Findings()
+    count_touches(findings, truth, truth)
+    numbers = findings.numbers()
+    assert numbers["touch_gap_mm_output"] == pytest.approx(1) and numbers["touch_kept_share_output"] == 1
+    assert "pinch_gap_mm_output" not in numbers
 
 
 def test_a_jump_is_a_step_that_the_truth_does_not_make() -> None:
@@ -89,13 +91,14 @@ def test_a_jump_is_a_step_that_the_truth_does_not_make() -> None:
     predicted[4:, 1, 7] += [0.0, 0.006, 0.008]
     predicted[7:, 0, 3, 0] += 0.004
     findings = Findings()
-    count_jumps(findings, "after", predicted, true)
+    count_jumps(findings, predicted, true)
     numbers = findings.numbers()
-    assert numbers["jump_share_after"] == numbers["error_step_share_after"] == pytest.approx(1 / 9)
-    assert numbers["largest_jump_mm_after"] == numbers["largest_error_step_mm_after"] == pytest.approx(10.0)
-    count_jumps(findings, "before", np.zeros_like(true), true)  # what stands still does not jump; its error changes
+    assert numbers["jump_share_output"] == numbers["error_step_share_output"] == pytest.approx(1 / 9)
+    assert numbers["largest_jump_mm_output"] == numbers["largest_error_step_mm_output"] == pytest.approx(10.0)
+    findings = Findings()
+    count_jumps(findings, np.zeros_like(true), true)  # what stands still does not jump; its error changes
     numbers = findings.numbers()
-    assert numbers["jump_share_before"] == 0 and numbers["largest_error_step_mm_before"] == pytest.approx(20.0)
+    assert numbers["jump_share_output"] == 0 and numbers["largest_error_step_mm_output"] == pytest.approx(20.0)
 
 
 def test_findings_add_up() -> None:
@@ -119,10 +122,11 @@ def test_a_recording_is_measured_and_reported() -> None:
         for key in line.keys:
             if key and not any(part in key for part in ("penetration_mm", "touch", "pinch")):  # those may not occur
                 assert np.isfinite(numbers[key]), key
-    assert numbers["any_penetrating_share_after"] <= numbers["any_penetrating_share_before"]
     report = limits_report({"main": found, SYNTHESISED: found}, CameraRing(), None, Census(), 0.5)
     assert {row[0] for row in report.rows} == {"main", SYNTHESISED}
-    assert report.numbers["synthesised_error_cm_after"] == report.numbers["error_cm_after"] == numbers["error_cm_after"]
+    assert (
+        report.numbers["synthesised_error_cm_output"] == report.numbers["error_cm_output"] == numbers["error_cm_output"]
+    )
     assert all(len(row) == len(report.columns) for row in report.rows)
     assert any("Jumps above 5 mm" in remark for remark in report.remarks)
 

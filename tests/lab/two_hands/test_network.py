@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from bodysense_lab.two_hands.network import (
+from bodysense_lab.papers.two_hands.network import (
     PAPER_JOINTS,
     PAPER_MARKERS,
     JointNetwork,

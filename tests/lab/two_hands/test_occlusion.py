@@ -15,9 +15,9 @@ import pytest
 from bodysense.cli import main
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import Census
-from bodysense_lab.two_hands.hand_pairs import over_clips
-from bodysense_lab.two_hands.occlusion import (
+from bodysense_lab.data.datasets import Census
+from bodysense_lab.papers.two_hands.score.hand_pairs import over_clips
+from bodysense_lab.papers.two_hands.score.occlusion import (
     PUBLISHED_AT_ONCE,
     SETTINGS,
     MarkerHiding,

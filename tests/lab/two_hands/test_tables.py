@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.body.glove import default_glove, marker_positions
+from bodysense.body.hands.glove import default_glove, marker_positions
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import GloveModels
 from bodysense.devices.gloves.networks import load_joint_network, load_marker_network
-from bodysense_lab.datasets import Census
-from bodysense_lab.synthesis.hands import synthesize_hand
-from bodysense_lab.synthesis.motion import HandMotion
-from bodysense_lab.two_hands.baselines import LastKnown
-from bodysense_lab.two_hands.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers
-from bodysense_lab.two_hands.tables import finger_report, marker_report, published_ratio
-from bodysense_lab.two_hands.trials import (
+from bodysense_lab.data.datasets import Census
+from bodysense_lab.papers.two_hands.score.baselines import LastKnown
+from bodysense_lab.papers.two_hands.score.scores import ALONE, GloveTable, HandTask, measure_fingers, measure_markers
+from bodysense_lab.papers.two_hands.score.tables import finger_report, marker_report, published_ratio
+from bodysense_lab.papers.two_hands.trials import (
     BEFORE,
     DURATIONS,
     HIDDEN,
@@ -29,6 +27,8 @@ from bodysense_lab.two_hands.trials import (
     hide_some,
     marker_error,
 )
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import HandMotion
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_errors_of_the_last_known_position_are_the_distances_moved(motion: HandM
 
 def test_a_perfect_network_has_no_error_of_fingers(motion: HandMotion) -> None:
     """With true angles and true markers, the solver gives true joints, hidden markers or not."""
-    from bodysense.body.hand import angles_of
+    from bodysense.body.hands.hand import angles_of
 
     trials = cut([motion], 40, np.random.default_rng(2))
     assert trials is not None

@@ -9,17 +9,15 @@ import numpy as np
 import pytest
 import torch
 
-from bodysense.body.glove import default_glove, marker_positions, template
-from bodysense.body.hand import hand_skeleton
-from bodysense.body.hand_family import draw_hand
+from bodysense.body.hands.glove import default_glove, marker_positions, template
+from bodysense.body.hands.hand import hand_skeleton
+from bodysense.body.hands.hand_family import draw_hand
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.gloves.networks import known_shapes, load_joint_network, load_marker_network, size_ratios
 from bodysense.errors import BodysenseError
-from bodysense_lab.fit import fit
-from bodysense_lab.synthesis.hands import synthesize_hand
-from bodysense_lab.synthesis.motion import HandMotion
-from bodysense_lab.two_hands.drawing import (
+from bodysense_lab.core.fit import fit
+from bodysense_lab.papers.two_hands.drawing import (
     JointTask,
     MarkerTask,
     draw_markers,
@@ -29,18 +27,20 @@ from bodysense_lab.two_hands.drawing import (
     registered,
     turned_to,
 )
-from bodysense_lab.two_hands.frames import GloveFrames, frames_of, join
-from bodysense_lab.two_hands.given_shapes import EXACT, UNKNOWN, draw_shapes
-from bodysense_lab.two_hands.network import (
+from bodysense_lab.papers.two_hands.frames import GloveFrames, frames_of, join
+from bodysense_lab.papers.two_hands.given_shapes import EXACT, UNKNOWN, draw_shapes
+from bodysense_lab.papers.two_hands.network import (
     PAPER_JOINTS,
     JointNetwork,
     JointNetworkConfig,
     MarkerNetwork,
     MarkerNetworkConfig,
 )
-from bodysense_lab.two_hands.task import GloveSchedule, GloveTask
-from bodysense_lab.two_hands.train import write_glove_network
-from bodysense_lab.two_hands.trials import FINGER_POINTS
+from bodysense_lab.papers.two_hands.task import GloveSchedule, GloveTask
+from bodysense_lab.papers.two_hands.train import write_glove_network
+from bodysense_lab.papers.two_hands.trials import FINGER_POINTS
+from bodysense_lab.synthesis.hands import synthesize_hand
+from bodysense_lab.synthesis.motion import HandMotion
 
 SMALL = GloveSchedule(steps=60, batch=64, learning_rate=4e-3, check_every=30, warm_up=5, average_decay=0.8)
 

@@ -10,8 +10,8 @@ import torch
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
-from bodysense_lab.unoc.body_sequences import Augmentation, BodySequence, make_body_sequence
-from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig
+from bodysense_lab.papers.unoc.network.network import BodyNetwork, BodyNetworkConfig
+from bodysense_lab.papers.unoc.sequences.body_sequences import Augmentation, BodySequence, make_body_sequence
 
 # Without layers of the fingers' own and their dropout, so that few steps suffice.
 SMALL = BodyNetworkConfig(hidden=16, branch=(16,), finger_branch=None, judge_branch=(16,))

@@ -9,9 +9,9 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.augment import mirrored
-from bodysense_lab.unoc.body_sequences import Augmentation, make_body_sequence
-from bodysense_lab.unoc.network import BodyNetwork, BodyPrediction, TrackedBody
+from bodysense_lab.data.augment import mirrored
+from bodysense_lab.papers.unoc.network.network import BodyNetwork, BodyPrediction, TrackedBody
+from bodysense_lab.papers.unoc.sequences.body_sequences import Augmentation, make_body_sequence
 
 
 def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: Clip, network: BodyNetwork) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.unoc.constant_velocity import LONGEST, constant_velocity
+from bodysense_lab.papers.unoc.score.constant_velocity import LONGEST, constant_velocity
 
 SKELETON = default_skeleton()
 ELBOW, WRIST, TIP = (SKELETON.index(f"left_{name}") for name in ("elbow", "wrist", "index_tip"))

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, rest_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_log, shortest_arc
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense_lab.unoc.contact import self_contact
+from bodysense.geometry.rotation import quaternion_exp, quaternion_log, shortest_arc
+from bodysense_lab.papers.unoc.score.contact import self_contact
 
 
 def turned(degrees: dict[str, tuple[float, float, float]]) -> Pose:

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bodysense.last_known import KNOWN
-from bodysense_lab.datasets import Census, DataSet
-from bodysense_lab.scoring import Tally
-from bodysense_lab.tallies import Tallies
-from bodysense_lab.unoc.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS, SETS, cross_report
-from bodysense_lab.unoc.kept_scores import Scores
+from bodysense.takes.last_known import KNOWN
+from bodysense_lab.core.scoring import Tally
+from bodysense_lab.core.tallies import Tallies
+from bodysense_lab.data.datasets import Census, DataSet
+from bodysense_lab.papers.unoc.score.cross_table import PUBLISHED_BODY, PUBLISHED_FINGERS, SETS, cross_report
+from bodysense_lab.papers.unoc.score.kept_scores import Scores
 
 
 def tally_of(error: float) -> Tally:

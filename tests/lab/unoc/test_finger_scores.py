@@ -19,9 +19,10 @@ from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import load_point_model
-from bodysense_lab.clips import open_clips
-from bodysense_lab.datasets import Census, DataSet, census_of, gather_results
-from bodysense_lab.unoc.finger_scores import (
+from bodysense_lab.data.clips import open_clips
+from bodysense_lab.data.datasets import Census, DataSet, census_of, gather_results
+from bodysense_lab.papers.unoc.learned_upper_body import LearnedUpperBody, load_upper_body
+from bodysense_lab.papers.unoc.score.finger_scores import (
     METHODS,
     Examples,
     body_features,
@@ -30,9 +31,8 @@ from bodysense_lab.unoc.finger_scores import (
     finger_offsets,
     finger_report,
 )
-from bodysense_lab.unoc.learned_upper_body import LearnedUpperBody, load_upper_body
-from bodysense_lab.unoc.upper_body_ik import UpperBodyIk
-from bodysense_lab.unoc.upper_body_table import upper_body_errors
+from bodysense_lab.papers.unoc.score.upper_body_table import upper_body_errors
+from bodysense_lab.papers.unoc.upper_body_ik import UpperBodyIk
 
 
 @pytest.fixture(scope="module")

@@ -14,15 +14,15 @@ from hypothesis import strategies as st
 
 from bodysense.body.ik import IkSettings
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
-from bodysense.body.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
-from bodysense.observation import Observation, accuracy_like, observed_points
-from bodysense_lab.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
-from bodysense_lab.unoc.learned import Learned, load_model
+from bodysense.observing.observation import Observation, accuracy_like, observed_points
+from bodysense_lab.papers.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
+from bodysense_lab.papers.unoc.learned import Learned, load_model
 
 SKELETON = default_skeleton()
 HEAD = SKELETON.index("head")

@@ -17,9 +17,9 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
 from bodysense.papers.target_ik import MEASURED_ERROR
-from bodysense_lab.unoc.learned import Learned, LearnedState, load_model
+from bodysense_lab.papers.unoc.learned import Learned, LearnedState, load_model
 
 SKELETON = default_skeleton()
 

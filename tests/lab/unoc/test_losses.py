@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense_lab.unoc.body_sequences import BodyBatch
-from bodysense_lab.unoc.losses import LossWeights, body_loss
-from bodysense_lab.unoc.network import BodyNetwork, BodyNetworkConfig, BodyPrediction
+from bodysense_lab.papers.unoc.network.losses import LossWeights, body_loss
+from bodysense_lab.papers.unoc.network.network import BodyNetwork, BodyNetworkConfig, BodyPrediction
+from bodysense_lab.papers.unoc.sequences.body_sequences import BodyBatch
 
 SKELETON = default_skeleton()
 POINTS = len(SKELETON.points)

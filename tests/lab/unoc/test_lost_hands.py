@@ -9,8 +9,8 @@ import pytest
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.noise import hide
-from bodysense.observation import Observation, check_observation
-from bodysense_lab.unoc.lost_hands import LONGEST, SHORTEST, hide_hands
+from bodysense.observing.observation import Observation, check_observation
+from bodysense_lab.papers.unoc.sequences.lost_hands import LONGEST, SHORTEST, hide_hands
 
 SKELETON = default_skeleton()
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")

@@ -18,14 +18,14 @@ from scipy.spatial.transform import Rotation
 from torch import Tensor
 
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
-from bodysense_lab.checkpoint import write_weights_file
-from bodysense_lab.unoc.export import write_onnx
-from bodysense_lab.unoc.learned import load_model
-from bodysense_lab.unoc.network import (
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense_lab.core.checkpoint import write_weights_file
+from bodysense_lab.papers.unoc.learned import load_model
+from bodysense_lab.papers.unoc.network.export import write_onnx
+from bodysense_lab.papers.unoc.network.network import (
     PAPER,
     BodyNetwork,
     BodyNetworkConfig,

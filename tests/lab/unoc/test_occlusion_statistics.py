@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, rest_pose
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.headset_camera import HeadsetCamera, Visibility, see
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.datasets.sources import list_sources, read_source
-from bodysense_lab.unoc import occlusion as statistics
-from bodysense_lab.unoc.occlusion import GROUPS, PUBLISHED, column, count, group_points
+from bodysense_lab.papers.unoc.score import occlusion as statistics
+from bodysense_lab.papers.unoc.score.occlusion import GROUPS, PUBLISHED, column, count, group_points
 
 
 def waving(frames: int, seed: int = 0) -> Pose:

@@ -14,16 +14,16 @@ from scipy.spatial.transform import Rotation
 import bodysense.weights
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.resting import local_offset
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
 from bodysense.papers.fingers import FingerSynthesis, finger_rotations, synthesize
 from bodysense.papers.point_model import PointModel, load_point_model
-from bodysense_lab.unoc.learned_upper_body import LEG_ERROR, LearnedUpperBody, fitted_arms, load_upper_body
+from bodysense_lab.papers.unoc.learned_upper_body import LEG_ERROR, LearnedUpperBody, fitted_arms, load_upper_body
 
 SKELETON = default_skeleton()
 FINGER = np.flatnonzero(SKELETON.wrist_of >= 0)

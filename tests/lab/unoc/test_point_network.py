@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import WARM_UP, PointRunner, Task, load_point_model
-from bodysense_lab.unoc.export import write_point_network
-from bodysense_lab.unoc.point_network import (
+from bodysense_lab.papers.unoc.network.export import write_point_network
+from bodysense_lab.papers.unoc.network.point_network import (
     FINGERS,
     PAPER_FINGERS,
     PAPER_UPPER_BODY,
@@ -27,7 +27,7 @@ from bodysense_lab.unoc.point_network import (
     TrackedPoints,
     bones,
 )
-from bodysense_lab.unoc.point_sequences import tracked_of
+from bodysense_lab.papers.unoc.sequences.point_sequences import tracked_of
 
 SKELETON = default_skeleton()
 FORMS: dict[str, tuple[Task, PointNetworkConfig]] = {
@@ -128,7 +128,7 @@ def test_targets_are_the_truth(form: str, networks, waving_clip: Clip) -> None:
 @pytest.mark.parametrize("form", FORMS)
 def test_bones_have_the_wearers_lengths(form: str, networks, waving_clip: Clip) -> None:
     """The truth's vectors between the ends of bones are as long as the skeleton's bones: ends are found rightly."""
-    from bodysense_lab.unoc.point_task import _bones
+    from bodysense_lab.papers.unoc.point_task import _bones
 
     network = networks[form]
     tracked, truth = tracked_of(waving_clip.pose[:5], network)

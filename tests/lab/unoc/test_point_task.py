@@ -15,13 +15,19 @@ from split_people import write_people
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.papers.point_model import load_point_model
-from bodysense_lab.fit import Progress, Report, fit
-from bodysense_lab.unoc.body_sequences import Augmentation, with_bent_wrists
-from bodysense_lab.unoc.options import FingersTraining
-from bodysense_lab.unoc.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig, PointPrediction
-from bodysense_lab.unoc.point_sequences import PointSequence, collate, make_point_sequence, windows
-from bodysense_lab.unoc.point_task import PointSchedule, PointTask, point_loss, validate_points
-from bodysense_lab.unoc.train import train_points as run_points
+from bodysense_lab.core.fit import Progress, Report, fit
+from bodysense_lab.papers.unoc.network.point_network import (
+    FINGERS,
+    UPPER_BODY,
+    PointNetwork,
+    PointNetworkConfig,
+    PointPrediction,
+)
+from bodysense_lab.papers.unoc.options import FingersTraining
+from bodysense_lab.papers.unoc.point_task import PointSchedule, PointTask, point_loss, validate_points
+from bodysense_lab.papers.unoc.sequences.body_sequences import Augmentation, with_bent_wrists
+from bodysense_lab.papers.unoc.sequences.point_sequences import PointSequence, collate, make_point_sequence, windows
+from bodysense_lab.papers.unoc.train import train_points as run_points
 
 SMALL = replace(UPPER_BODY, hidden=8, branch=(8,), judge_branch=(8,))
 SMALL_FINGERS = replace(FINGERS, hidden=8, branch=(8,), dropout=0.0)

@@ -12,9 +12,9 @@ from scipy import stats
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
-from bodysense_lab.scoring import scored_points
-from bodysense_lab.unoc.learned import Learned, load_model
-from bodysense_lab.unoc.reliability import ErrorPairs, binned, correlations, pairs_of_clip
+from bodysense_lab.core.scoring import scored_points
+from bodysense_lab.papers.unoc.learned import Learned, load_model
+from bodysense_lab.papers.unoc.score.reliability import ErrorPairs, binned, correlations, pairs_of_clip
 
 
 @pytest.mark.parametrize("count", [10, 57, 1000])

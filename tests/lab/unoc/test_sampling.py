@@ -8,7 +8,13 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bodysense_lab.unoc.body_sequences import BodyBatch, BodySequence, carried_batches, collate, windows
+from bodysense_lab.papers.unoc.sequences.body_sequences import (
+    BodyBatch,
+    BodySequence,
+    carried_batches,
+    collate,
+    windows,
+)
 
 LENGTHS = st.lists(st.integers(2, 30), min_size=1, max_size=5)
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bodysense.last_known import KNOWN
-from bodysense_lab.datasets import Census, DataSet
-from bodysense_lab.scoring import Tally
-from bodysense_lab.tallies import Tallies
-from bodysense_lab.unoc.kept_scores import (
+from bodysense.takes.last_known import KNOWN
+from bodysense_lab.core.scoring import Tally
+from bodysense_lab.core.tallies import Tallies
+from bodysense_lab.data.datasets import Census, DataSet
+from bodysense_lab.papers.unoc.score.kept_scores import (
     Scores,
     better_last_known,
     identity_of,

@@ -10,10 +10,10 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
-from bodysense.metrics import acceleration
-from bodysense_lab.scoring import scored_points
-from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
-from bodysense_lab.unoc.smoothness import (
+from bodysense.quality.metrics import acceleration
+from bodysense_lab.core.scoring import scored_points
+from bodysense_lab.papers.unoc.ik_tracker import IkTrackerSettings
+from bodysense_lab.papers.unoc.score.smoothness import (
     after_tracker,
     smoothness_of,
 )

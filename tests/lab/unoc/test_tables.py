@@ -7,15 +7,15 @@ from collections.abc import Mapping
 import numpy as np
 import pytest
 
-from bodysense.last_known import KNOWN
-from bodysense_lab.chart import BarPanel
-from bodysense_lab.datasets import Census, DataSet
-from bodysense_lab.score_table import ScoreTable
-from bodysense_lab.scoring import Tally
-from bodysense_lab.tallies import Tallies
-from bodysense_lab.unoc.kept_scores import Scores
-from bodysense_lab.unoc.tables import OWN_NAMES, TABLE_2, TABLE_3, TABLE_4, network_report
-from bodysense_lab.unoc.variants import TABLES
+from bodysense.takes.last_known import KNOWN
+from bodysense_lab.core.chart import BarPanel
+from bodysense_lab.core.score_table import ScoreTable
+from bodysense_lab.core.scoring import Tally
+from bodysense_lab.core.tallies import Tallies
+from bodysense_lab.data.datasets import Census, DataSet
+from bodysense_lab.papers.unoc.network.variants import TABLES
+from bodysense_lab.papers.unoc.score.kept_scores import Scores
+from bodysense_lab.papers.unoc.score.tables import OWN_NAMES, TABLE_2, TABLE_3, TABLE_4, network_report
 
 ALL = (TABLE_2, TABLE_3, TABLE_4)
 PARTS = ("body", "finger", "body_and_finger", "parent_body", "parent_all", "bone_body", "bone_all")

@@ -16,10 +16,10 @@ from lightning_fabric import Fabric
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense_lab.fit import Progress, fit, moving_average
-from bodysense_lab.unoc.body_sequences import Augmentation, BodyBatch, BodySequence, make_body_sequence
-from bodysense_lab.unoc.network import PAPER, BodyNetwork, BodyNetworkConfig
-from bodysense_lab.unoc.task import BodySchedule, BodyTask, make_batches, step_count, validate
+from bodysense_lab.core.fit import Progress, fit, moving_average
+from bodysense_lab.papers.unoc.network.network import PAPER, BodyNetwork, BodyNetworkConfig
+from bodysense_lab.papers.unoc.sequences.body_sequences import Augmentation, BodyBatch, BodySequence, make_body_sequence
+from bodysense_lab.papers.unoc.task import BodySchedule, BodyTask, make_batches, step_count, validate
 
 CARRIED = BodyNetworkConfig(hidden=4, branch=(4,))
 SCHEDULE = BodySchedule(steps=60, lanes=3, chunk=15, warm_up=5, learning_rate=3e-3, average_decay=0.5, check_every=20)

@@ -12,12 +12,12 @@ from split_people import write_people
 
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
-from bodysense_lab.augment import mirrored
-from bodysense_lab.unoc import train
-from bodysense_lab.unoc.learned import Learned, load_model
-from bodysense_lab.unoc.network import PAPER
-from bodysense_lab.unoc.options import BodyTraining
-from bodysense_lab.unoc.train import augmentation_of, train_body
+from bodysense_lab.data.augment import mirrored
+from bodysense_lab.papers.unoc import train
+from bodysense_lab.papers.unoc.learned import Learned, load_model
+from bodysense_lab.papers.unoc.network.network import PAPER
+from bodysense_lab.papers.unoc.options import BodyTraining
+from bodysense_lab.papers.unoc.train import augmentation_of, train_body
 
 
 @pytest.fixture

@@ -12,13 +12,13 @@ from split_people import write_people
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense_lab.unoc import train_tables as tables
-from bodysense_lab.unoc import variants
-from bodysense_lab.unoc.body_sequences import BodySequence
-from bodysense_lab.unoc.network import PAPER, BodyNetworkConfig, read_weights
-from bodysense_lab.unoc.options import TablesTraining
-from bodysense_lab.unoc.train_tables import cached_sequences, chosen_networks, schedule_of, train_tables
-from bodysense_lab.unoc.variants import TABLES, VARIANTS, Variant
+from bodysense_lab.papers.unoc import train_tables as tables
+from bodysense_lab.papers.unoc.network import variants
+from bodysense_lab.papers.unoc.network.network import PAPER, BodyNetworkConfig, read_weights
+from bodysense_lab.papers.unoc.network.variants import TABLES, VARIANTS, Variant
+from bodysense_lab.papers.unoc.options import TablesTraining
+from bodysense_lab.papers.unoc.sequences.body_sequences import BodySequence
+from bodysense_lab.papers.unoc.train_tables import cached_sequences, chosen_networks, schedule_of, train_tables
 
 SMALL = replace(PAPER, hidden=4, branch=(4,), judge_branch=(4,), window=9)
 

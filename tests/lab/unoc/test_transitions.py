@@ -10,9 +10,9 @@ import pytest
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
-from bodysense_lab.datasets import DataSet, census_of
-from bodysense_lab.scoring import scored_points
-from bodysense_lab.unoc.transitions import (
+from bodysense_lab.core.scoring import scored_points
+from bodysense_lab.data.datasets import DataSet, census_of
+from bodysense_lab.papers.unoc.score.transitions import (
     EVENTS,
     METHODS,
     jerks_at,

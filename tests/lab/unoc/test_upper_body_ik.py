@@ -9,18 +9,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.noise import hide
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
-from bodysense.last_known import Hold
-from bodysense.observation import Observation, check_observation
-from bodysense_lab.unoc import upper_body_ik
-from bodysense_lab.unoc.ik_tracker import Estimator, IkTracker
-from bodysense_lab.unoc.upper_body_ik import UpperBodyIk
+from bodysense.observing.observation import Observation, check_observation
+from bodysense.takes.last_known import Hold
+from bodysense_lab.papers.unoc import upper_body_ik
+from bodysense_lab.papers.unoc.ik_tracker import Estimator, IkTracker
+from bodysense_lab.papers.unoc.upper_body_ik import UpperBodyIk
 
 SKELETON = default_skeleton()
 IK = UpperBodyIk(SKELETON)

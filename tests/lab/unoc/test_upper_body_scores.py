@@ -11,16 +11,21 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_exp
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.observation import Observation
-from bodysense_lab.datasets import DataSet, gather_results
-from bodysense_lab.unoc.upper_body_ik import UpperBodyIk
-from bodysense_lab.unoc.upper_body_table import MakeEstimator, is_standing, upper_body_errors, upper_body_report
+from bodysense.observing.observation import Observation
+from bodysense_lab.data.datasets import DataSet, gather_results
+from bodysense_lab.papers.unoc.score.upper_body_table import (
+    MakeEstimator,
+    is_standing,
+    upper_body_errors,
+    upper_body_report,
+)
+from bodysense_lab.papers.unoc.upper_body_ik import UpperBodyIk
 
 SKELETON = default_skeleton()
 

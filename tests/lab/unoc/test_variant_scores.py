@@ -15,13 +15,13 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.last_known import KNOWN, Hold
-from bodysense_lab.datasets import DataSet
-from bodysense_lab.scoring import UNOC_EVAL_JOINTS
-from bodysense_lab.unoc import variant_scores as variants
-from bodysense_lab.unoc.kept_scores import scores_path
-from bodysense_lab.unoc.network import PAPER, BodyNetwork, read_weights, tracked_of
-from bodysense_lab.unoc.variant_scores import (
+from bodysense.takes.last_known import KNOWN, Hold
+from bodysense_lab.core.scoring import UNOC_EVAL_JOINTS
+from bodysense_lab.data.datasets import DataSet
+from bodysense_lab.papers.unoc.network.network import PAPER, BodyNetwork, read_weights, tracked_of
+from bodysense_lab.papers.unoc.score import variant_scores as variants
+from bodysense_lab.papers.unoc.score.kept_scores import scores_path
+from bodysense_lab.papers.unoc.score.variant_scores import (
     Shipped,
     Work,
     complete,

@@ -1,4 +1,4 @@
-/** A headset's frame as points of the body: where each joint is by the device that wears it (bodysense_live.webxr). */
+/** A headset's frame as points of the body: where each joint is by the device that wears it (bodysense_live.protocols.webxr). */
 
 import { add, conjugate, fromAxes, multiply, rotate, scaled, UPRIGHT } from "./math.js";
 import type { Point, Quaternion, Vector } from "./types.js";

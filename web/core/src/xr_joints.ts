@@ -56,7 +56,7 @@ function arm(side: string): [string, Rule][] {
 
 function hand(side: string): [string, Rule][] {
   const [wrist, name] = [`${side}_wrist`, `${side}-hand`];
-  const nail: Vector = [side === "left" ? -0.6 : 0.6, 0, 0.8]; // across the thumb's axis of flexion (body/hand.py)
+  const nail: Vector = [side === "left" ? -0.6 : 0.6, 0, 0.8]; // across the thumb's axis of flexion (body/hands/hand.py)
   const finger = (ours: string, theirs: string, first: string[], up?: Vector): [string, Rule][] =>
     [...first, "phalanx-proximal", "phalanx-intermediate", "phalanx-distal", "tip"]
       .filter((segment) => ours !== "thumb" || segment !== "phalanx-intermediate")

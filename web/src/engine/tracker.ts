@@ -3,8 +3,8 @@
 import type { Model, Person as Known, State } from "@bodysense/core";
 import type { Observation } from "../body/observation";
 import { restPoint, worldRotations, type Body, type Skeleton } from "../body/skeleton";
-import type { BodyFrame } from "../history";
-import { DEVIATION, NOBODY, type Person } from "../wearer";
+import type { BodyFrame } from "../takes/history";
+import { DEVIATION, NOBODY, type Person } from "../wearer/wearer";
 
 /** One whole body. */
 export interface Completed extends BodyFrame {

@@ -3,7 +3,7 @@
 import { openModel } from "@bodysense/core";
 import core from "@bodysense/core/core.wasm?url";
 import type { Observation } from "../body/observation";
-import type { Person } from "../wearer";
+import type { Person } from "../wearer/wearer";
 import { defaultSkeleton, fetched, unpacked } from "./files";
 import { Tracker, type Completed } from "./tracker";
 

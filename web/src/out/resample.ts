@@ -2,8 +2,8 @@
 
 import type { Clip } from "../body/clip";
 import { mixed, mixedTurns, vectorAt } from "../body/math";
-import type { BodyFrame } from "../history";
-import { LONGEST_TAKE } from "../takes";
+import type { BodyFrame } from "../takes/history";
+import { LONGEST_TAKE } from "../takes/takes";
 
 export type Motion = Pick<Clip, "rate" | "frames" | "root" | "rotation">;
 

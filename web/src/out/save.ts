@@ -1,7 +1,7 @@
 /** Downloads of the timeline or a take, as BVH, glTF or VRMA. */
 
 import { withOffsets, type Skeleton } from "../body/skeleton";
-import type { BodyFrame } from "../history";
+import type { BodyFrame } from "../takes/history";
 import { bvhText } from "./bvh";
 import { resample } from "./resample";
 

@@ -2,7 +2,7 @@
 
 import type { Body, Skeleton } from "../body/skeleton";
 import { quaternionAt, vectorAt } from "../body/math";
-import type { Resume } from "../protocol";
+import type { Resume } from "./protocol";
 import { Connection, socketAddress } from "./connection";
 
 const EXAMPLE = "ws://127.0.0.1:8765/?token=…";

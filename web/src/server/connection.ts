@@ -10,7 +10,7 @@ import {
   type Hello,
   type ServerMessage,
   type Welcome,
-} from "../protocol";
+} from "./protocol";
 import { readPose, readSignal, writeSignal, type PoseFrame, type SignalFrame } from "./frames";
 
 const BACKLOG = 65_536; // bytes: while more waits to leave, newer signals are dropped rather than queued

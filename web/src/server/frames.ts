@@ -11,7 +11,7 @@ import {
   POSE_HEAD_BYTES,
   SIGNAL,
   SIGNAL_HEAD_BYTES,
-} from "../protocol";
+} from "./protocol";
 
 /** A point of a signal frame: by its place in the hello, in the signal's own world.
  *

@@ -3,8 +3,8 @@
 import { axisAngle } from "../body/math";
 import type { Point } from "../body/observation";
 import { place, withOffsets, type Body, type Skeleton } from "../body/skeleton";
-import type { History } from "../history";
-import type { Calibrate, Recentre, Resume, Settings, Source as Input, Welcome } from "../protocol";
+import type { History } from "../takes/history";
+import type { Calibrate, Recentre, Resume, Settings, Source as Input, Welcome } from "../server/protocol";
 import { Connection, socketAddress } from "../server/connection";
 import type { PoseFrame, SignalFrame } from "../server/frames";
 import { UNMOVED, applyPlacement, type Placement } from "./placement";

@@ -1,7 +1,7 @@
 /** A take played in a loop, from the start to the end of its cut. */
 
-import type { Playback } from "../playback";
-import { partOf, type Take } from "../takes";
+import type { Playback } from "../takes/playback";
+import { partOf, type Take } from "../takes/takes";
 import type { Source } from "./source";
 
 export class TakeSource implements Source {

@@ -1,8 +1,8 @@
 /** The wearers of a server: the camera follows the first, the others are next to it. */
 
 import { Group, type Object3D } from "three";
-import { History } from "../history";
-import type { Resume } from "../protocol";
+import { History } from "../takes/history";
+import type { Resume } from "../server/protocol";
 import { Bodies, type DisplaySettings } from "../view/bodies";
 import { ServerSource, type ServerEvents, type Watched } from "./server_source";
 import type { Source } from "./source";

@@ -2,7 +2,7 @@
 
 import { meanDistance, type Skeleton } from "../body/skeleton";
 import type { Live } from "../live";
-import type { Moment } from "../history";
+import type { Moment } from "../takes/history";
 import { element } from "../page";
 
 const FEWEST = 60; // bodies before a rate is displayed: the first ones are slow everywhere

@@ -1,11 +1,11 @@
 /** The takes next to the stage: record, name, look at, cut, save and delete them. */
 
 import type { Skeleton } from "../body/skeleton";
-import type { History } from "../history";
-import { KeptTakes } from "../kept_takes";
+import type { History } from "../takes/history";
+import { KeptTakes } from "../takes/kept_takes";
 import { FILE_KINDS, saveMotion, type FileKind } from "../out/save";
 import { button, element, made } from "../page";
-import { partOf, Takes, type Take } from "../takes";
+import { partOf, Takes, type Take } from "../takes/takes";
 
 export interface TakeEvents {
   /** The skeleton of the displayed body. */

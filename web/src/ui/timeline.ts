@@ -1,8 +1,8 @@
 /** The timeline's buttons and slider; they steer the playback. */
 
-import type { History } from "../history";
+import type { History } from "../takes/history";
 import { button, choice, element, input } from "../page";
-import type { Playback } from "../playback";
+import type { Playback } from "../takes/playback";
 
 export class Timeline {
   private isHeld = false; // the user drags the slider

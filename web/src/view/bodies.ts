@@ -2,7 +2,7 @@
 
 import type { Object3D } from "three";
 import { withOffsets, type Skeleton } from "../body/skeleton";
-import type { Moment } from "../history";
+import type { Moment } from "../takes/history";
 import { BodyView } from "./body_view";
 import { pointColour, TRUTH_COLOUR, type Colouring } from "./colours";
 import { ContactShadow } from "./contact_shadow";

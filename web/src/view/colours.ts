@@ -1,7 +1,7 @@
 /** A body's colours: confidence, hidden parts, the error against the truth. */
 
 import { Color } from "three";
-import type { Moment } from "../history";
+import type { Moment } from "../takes/history";
 
 export const COLOURINGS = ["plain", "confidence", "hidden", "error"] as const;
 export type Colouring = (typeof COLOURINGS)[number];

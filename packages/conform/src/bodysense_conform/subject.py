@@ -9,8 +9,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import FINGERS, default_skeleton
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense_conform.series import Absent, change, norm
 
 SHORTEST_INTERVAL = 0.004  # s; speeds over shorter intervals measure the clock, not the body
@@ -40,6 +40,7 @@ class Transport:
     available: np.ndarray | None = None  # (T,) s, when each became available, on the clock of the samples
     device_time: np.ndarray | None = None  # (T,) s, of the device's own clock
     all_tracked: np.ndarray | None = None  # (T,) bool, the device's own summary of its joints
+    all_valid: np.ndarray | None = None  # (T,) bool, whether all joints of that summary are valid, hands included
 
 
 @dataclass(frozen=True, eq=False)

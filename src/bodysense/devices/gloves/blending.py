@@ -14,10 +14,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import Glove
-from bodysense.body.hand import FINGERS
-from bodysense.body.products import CONJUGATE, exp, log, multiply, to_matrix
+from bodysense.body.hands.glove import Glove
+from bodysense.body.hands.hand import FINGERS
 from bodysense.devices.gloves.fingers import CHAINS, POINT_COUNT, HandPoses, HandShape, place_hands, shortest_arcs
+from bodysense.geometry.products import CONJUGATE, exp, log, multiply, to_matrix
 
 _TOLERANCE = 1e-4  # m; smaller residuals are ignored
 _NO_MOTION = 1e-14  # m²; smaller squared motions are ignored

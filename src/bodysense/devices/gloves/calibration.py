@@ -13,12 +13,10 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.glove import Glove, glove_of, hand_size, marker_offsets
-from bodysense.body.glove_set import GloveSet, standard_set
-from bodysense.body.hand import FINGERS, FREEDOMS, hand_skeleton
-from bodysense.body.hand_family import SHAPE, GlovedHand, HandShapes, bare_shapes_of
-from bodysense.body.products import exp, to_matrix
-from bodysense.body.registration import register, to_hand
+from bodysense.body.hands.glove import Glove, glove_of, hand_size, marker_offsets
+from bodysense.body.hands.glove_set import GloveSet, standard_set
+from bodysense.body.hands.hand import FINGERS, FREEDOMS, hand_skeleton
+from bodysense.body.hands.hand_family import SHAPE, GlovedHand, HandShapes, bare_shapes_of
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.gloves.hand_model import (
     ANGLES,
@@ -32,6 +30,8 @@ from bodysense.devices.gloves.joints import JointReader
 from bodysense.devices.gloves.least_squares import LeastSquares
 from bodysense.devices.gloves.networks import HandNetwork, load_joint_network
 from bodysense.errors import BodysenseError
+from bodysense.geometry.products import exp, to_matrix
+from bodysense.geometry.registration import register, to_hand
 
 FRAMES = 32  # frames in the fit, as different as possible
 FEWEST = 6  # usable frames, with three quarters of the markers and the back of the hand

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, side_of
-from bodysense.body.glove_set import GloveSet, packaged_sets
-from bodysense.body.hand import (
+from bodysense.body.hands.glove import MARKERS, side_of
+from bodysense.body.hands.glove_set import GloveSet, packaged_sets
+from bodysense.body.hands.hand import (
     FINGERTIPS,
     HAND_JOINTS,
     Side,
@@ -26,17 +26,17 @@ from bodysense.body.hand import (
     hand_skeleton,
     mirrored_vectors,
 )
-from bodysense.body.hand_family import GlovedHand, plain_hand
+from bodysense.body.hands.hand_family import GlovedHand, plain_hand
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.calibration import checked_fit, enough_frames
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, HandsState, load_glove_models
 from bodysense.devices.gloves.standing_head import ACCURACY, StandingHead, StandingHeadState
 from bodysense.devices.gloves.virtual_markers import SolvedHand, VirtualGlove, VirtualMarkers, is_standard
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.io.markers.raw_markers import points_alone
-from bodysense.observation import OPTICAL_ACCURACY, Observation, joined_points, without_gloves
+from bodysense.observing.observation import OPTICAL_ACCURACY, Observation, joined_points, without_gloves
 
 SIDES: tuple[Side, ...] = ("left", "right")
 

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import ALIGNMENT, Glove
-from bodysense.body.hand import FINGERS, HAND_JOINTS
+from bodysense.body.hands.glove import ALIGNMENT, Glove
+from bodysense.body.hands.hand import FINGERS, HAND_JOINTS
 from bodysense.devices.gloves.fingers import POINT_COUNT
 
 # Fitted to hands of `lab.synthesis.hands` whose markers are hidden at random for 0.05 to 3 s, one or several at once.

@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import Glove
-from bodysense.body.hand import FINGERS, FINGERTIPS, HAND_JOINTS
-from bodysense.body.products import CONJUGATE, multiply, to_matrix
-from bodysense.body.registration import to_world
+from bodysense.body.hands.glove import Glove
+from bodysense.body.hands.hand import FINGERS, FINGERTIPS, HAND_JOINTS
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.products import CONJUGATE, multiply, to_matrix
+from bodysense.geometry.registration import to_world
 
 _POINTS = (*HAND_JOINTS, *FINGERTIPS)
 POINT_COUNT = len(_POINTS)  # points of a hand: the wrist, 15 joints, 5 tips

@@ -1,8 +1,8 @@
 """Gap fillers for hidden markers: one interface, and they stack (two-hands, section 3.2; reproduce.md 4.5, 4.6).
 
 A gap filler works in the frame of its markers and replaces NaN in its input. NaN remains if it cannot fill a marker.
-State is an argument. The paper's baselines are in `bodysense_lab.two_hands.baselines`. Filled markers do not jump when
-they become hidden; `blending` handles jumps when they are found again.
+State is an argument. The paper's baselines are in `bodysense_lab.papers.two_hands.score.baselines`. Filled markers do
+not jump when they become hidden; `blending` handles jumps when they are found again.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from bodysense.body.glove import Glove, default_glove, template
-from bodysense.body.registration import register, to_hand, to_world
-from bodysense.body.rotation import smooth_step
+from bodysense.body.hands.glove import Glove, default_glove, template
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
 from bodysense.errors import BodysenseError
+from bodysense.geometry.registration import register, to_hand, to_world
+from bodysense.geometry.rotation import smooth_step
 
 MARKER_COUNT = 9
 # s, half-life of a network's error. Values hardly differ on drawn hands: the mean error is 0.70 cm at 1 s, 0.68 at 2

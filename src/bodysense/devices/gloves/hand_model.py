@@ -12,13 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import Glove
-from bodysense.body.hand import FINGERS, FREEDOMS, closing_hand, joint_rotations, limits, own_axes, per_joint
-from bodysense.body.hand_family import HandShapes
-from bodysense.body.products import exp, log, multiply, to_matrix
-from bodysense.body.registration import register
-from bodysense.body.rotation import matrix_to_quaternion
+from bodysense.body.hands.glove import Glove
+from bodysense.body.hands.hand import FINGERS, FREEDOMS, closing_hand, joint_rotations, limits, own_axes, per_joint
+from bodysense.body.hands.hand_family import HandShapes
 from bodysense.devices.gloves.fingers import finger_chains
+from bodysense.geometry.products import exp, log, multiply, to_matrix
+from bodysense.geometry.registration import register
+from bodysense.geometry.rotation import matrix_to_quaternion
 
 ANGLES = len(FREEDOMS)
 POSE = ANGLES + 6

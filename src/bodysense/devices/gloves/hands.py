@@ -7,7 +7,6 @@ Right hands are mirrored, and all hands are solved as left ones in one batch. Th
 3. Register the hand to its alignment markers and pose its fingers (`joints`).
 4. Pose joints with hidden markers by inertial sensors, if there are any (`inertial`).
 5. Blend to markers that are found again (`blending`).
-6. Move overlapping parts apart (`contact`).
 
 Special cases:
 
@@ -32,16 +31,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import Glove, default_glove, glove_points, marker_positions, side_of
-from bodysense.body.hand import HAND_JOINTS, Side, default_axes, mirrored_vectors, own_axes
+from bodysense.body.hands.glove import Glove, default_glove, glove_points, marker_positions, side_of
+from bodysense.body.hands.hand import HAND_JOINTS, default_axes, mirrored_vectors, own_axes
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_conjugate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.gloves import inertial
 from bodysense.devices.gloves.blending import Blend, BlendState
-from bodysense.devices.gloves.contact import Contact, ContactState
-from bodysense.devices.gloves.contact_rows import ContactSettings
 from bodysense.devices.gloves.expected_error import Influence, expected_error, influence
 from bodysense.devices.gloves.fingers import POINT_COUNT, HandPoses
 from bodysense.devices.gloves.gap_fillers import (
@@ -54,11 +50,12 @@ from bodysense.devices.gloves.gap_fillers import (
 )
 from bodysense.devices.gloves.inertial import Fusion, InertialSettings, InertialState, SensorFlexion
 from bodysense.devices.gloves.joints import JointReader
+from bodysense.devices.gloves.labels.rejection import Rejection, RejectionSettings, RejectionState
 from bodysense.devices.gloves.networks import HandNetwork, load_joint_network, load_marker_network
-from bodysense.devices.gloves.rejection import Rejection, RejectionSettings, RejectionState
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import geodesic_angle, quaternion_canonical, quaternion_conjugate
 from bodysense.io.fingers import relaxed_rotation
-from bodysense.observation import FARTHEST, Observation, check_order
+from bodysense.observing.observation import FARTHEST, Observation, check_order
 
 FIRST_INTERVAL = 1 / 60  # s: the time step of the first frame
 STILL = 5.0  # degrees: how far finger joints may turn in a calibration, on average
@@ -91,7 +88,6 @@ class HandsSettings:
     hold: float = 0.5  # s for which a hand without seen markers stays in place
     relaxing: float = 1.0  # s in which it then relaxes
     restraint: float = 4.0  # reduction of large turns of fingers to their markers (`fingers.shortest_arcs`); 0: none
-    contact: ContactSettings | None = field(default_factory=ContactSettings)  # if None, contact is off
     inertial: InertialSettings = InertialSettings()
     longest_gap: float = 1.0  # s without frames after which everything is reset
 
@@ -110,7 +106,6 @@ class HandsState(NamedTuple):
     time: float | None  # s, of the last frame
     rejection: RejectionState
     gap_filler: Any
-    contact: ContactState
     hidden: np.ndarray  # (H, 9) s for which each marker has been hidden
     blend: BlendState | None  # before the first frame: None
     inertial: InertialState
@@ -183,11 +178,6 @@ class Hands:
         return Rejection(tuple(self.hands.values()), self.glove, self.settings.rejection or RejectionSettings())
 
     @cached_property
-    def _contact(self) -> Contact:
-        sides: list[Side] = [side_of(name) for name in self.hands]
-        return Contact(tuple(self.hands.values()), sides, self.settings.contact or ContactSettings())
-
-    @cached_property
     def _blend(self) -> Blend:
         return Blend(self._reader.shape, self.glove, self.settings.speed, self.settings.unseen_speed)
 
@@ -207,8 +197,7 @@ class Hands:
             np.full((len(self.hands), len(self.glove.markers)), NEVER),
             self._gap_filler.start(len(self.hands)),
         )
-        contact, sensors = self._contact.start(), self._fusion.start()
-        return HandsState(None, self._rejection.start(), gap_filler, contact, hidden, None, sensors)
+        return HandsState(None, self._rejection.start(), gap_filler, hidden, None, self._fusion.start())
 
     def step(self, observation: Observation, state: HandsState) -> tuple[dict[str, PointEstimate], HandsState]:
         """Complete T frames in order; return an estimate of every hand on its skeleton, with its pose, and the state.
@@ -294,7 +283,7 @@ class Hands:
                 np.where(known[..., None], markers, filled), known, interval, rejection
             )
         hidden = (state.hidden + interval) * ~known
-        solved, contact = self._reader.read(filled), state.contact
+        solved = self._reader.read(filled)
         without, sensors = self._without_found(solved, filled, known, interval, state), state.inertial
         if sensed is not None:
             by_markers = solved
@@ -305,9 +294,7 @@ class Hands:
                 longer = (state.hidden + interval) * ~(known & state.blend.known)
                 without, _ = self._fusion.fuse(without, sensed, longer, interval, state.inertial)
         poses, blend = self._blend.step(solved, without, known, interval, state.blend)
-        if self.settings.contact is not None:
-            poses, contact = self._contact.step(poses, filled, known, interval, contact)
-        return poses, HandsState(state.time, rejection, gap_filler, contact, hidden, blend, sensors)
+        return poses, HandsState(state.time, rejection, gap_filler, hidden, blend, sensors)
 
     def _without_found(
         self, solved: HandPoses, filled: np.ndarray, known: np.ndarray, interval: float, state: HandsState

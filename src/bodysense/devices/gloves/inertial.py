@@ -18,10 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.hand import HAND_JOINTS, joint_angles, joint_rotations
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
+from bodysense.body.hands.hand import HAND_JOINTS, joint_angles, joint_rotations
 from bodysense.devices.gloves.fingers import HandPoses, HandShape, place_hands
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 
 _SEGMENTS = len(HAND_JOINTS) - 1
 # Parent of each segment among the 16: the back of the hand, then the fingers' segments.

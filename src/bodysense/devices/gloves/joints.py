@@ -13,14 +13,14 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.glove import ALIGNMENT, Glove, template
-from bodysense.body.hand import default_axes, joint_rotations, own_axes, per_joint
-from bodysense.body.products import multiply
-from bodysense.body.registration import fit, to_hand, to_world
-from bodysense.body.rotation import quaternion_canonical
+from bodysense.body.hands.glove import ALIGNMENT, Glove, template
+from bodysense.body.hands.hand import default_axes, joint_rotations, own_axes, per_joint
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.fingers import HandPoses, HandShape, aim_fingers, hand_shape
 from bodysense.devices.gloves.networks import HandNetwork, known_shapes, size_ratios
+from bodysense.geometry.products import multiply
+from bodysense.geometry.registration import fit, to_hand, to_world
+from bodysense.geometry.rotation import quaternion_canonical
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,10 @@ from typing import Protocol
 
 import numpy as np
 
-from bodysense.body.glove import Glove, default_glove, hand_size, template
-from bodysense.body.hand import hand_skeleton
+from bodysense.body.hands.glove import Glove, default_glove, hand_size, template
+from bodysense.body.hands.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.completion.network import Network, NetworkFormat
+from bodysense.weights.network import Network, NetworkFormat
 
 MARKER_FORMAT = "bodysense glove markers 2"
 JOINT_FORMAT = "bodysense glove joints 2"

@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics, standing_pose
-from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.rotation import quaternion_rotate
 
 ACCURACY = 0.3  # m
 _ARM = ("shoulder", "elbow", "wrist")

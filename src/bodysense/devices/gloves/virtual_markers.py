@@ -16,14 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, glove_of, glove_points, side_of
-from bodysense.body.glove_set import standard_set
-from bodysense.body.hand import mirrored_vectors
-from bodysense.body.hand_family import GlovedHand, HandShapes
+from bodysense.body.hands.glove import MARKERS, glove_of, glove_points, side_of
+from bodysense.body.hands.glove_set import standard_set
+from bodysense.body.hands.hand import mirrored_vectors
+from bodysense.body.hands.hand_family import GlovedHand, HandShapes
 from bodysense.devices.gloves.hand_model import MarkedHand, postures, prior_residuals
 from bodysense.devices.gloves.least_squares import LeastSquares
 from bodysense.io.markers.raw_markers import points_alone
-from bodysense.observation import Observation, accuracy_like, chosen_points, joined_points
+from bodysense.observing.observation import Observation, accuracy_like, chosen_points, joined_points
 
 _MARKER = 0.002  # m: standard deviation of a marker from its position on the hand
 _WRONG = 0.015  # m: a marker this far from its position on the hand has half weight and does not count as seen

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
-from bodysense.body.hand import hand_pose
+from bodysense.body.hands.hand import hand_pose
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.observation import Observation, check_observation, joined_points
+from bodysense.observing.observation import Observation, check_observation, joined_points
 
 if TYPE_CHECKING:
-    from bodysense.body.glove_set import GloveSet
+    from bodysense.body.hands.glove_set import GloveSet
 
 SensorSetName = Literal[
     "head",
@@ -28,6 +28,15 @@ SensorSetName = Literal[
     "headset_camera",
     "three_point_imu_shoes",
     "three_point_imu_legs",
+    "mocopi_six",
+    "dip_six",
+    "imu_seventeen",
+    "slimevr_five",
+    "slimevr_six",
+    "slimevr_eight",
+    "headset_slimevr_five",
+    "headset_slimevr_six",
+    "headset_slimevr_eight",
 ]
 DeviceName = SensorSetName | Literal["gloves", "gloves_imu"]
 _GLOVE_NOISE = 0.0005  # m along each axis, noise of markers in optical capture

@@ -13,17 +13,17 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.body.capsules import PosedPrimitives, Primitives, fit_primitives, pose_primitives
-from bodysense.body.glove import Glove, default_glove, glove_of, marker_positions, side_of, template
-from bodysense.body.glove_set import GloveSet, standard_set
-from bodysense.body.hand import Side, hand_pose, joint_bases, mirrored_vectors
-from bodysense.body.hand_capsules import capsule_axes, hand_capsules
+from bodysense.body.hands.glove import Glove, default_glove, glove_of, marker_positions, side_of, template
+from bodysense.body.hands.glove_set import GloveSet, standard_set
+from bodysense.body.hands.hand import Side, hand_pose, joint_bases, mirrored_vectors
+from bodysense.body.hands.hand_capsules import capsule_axes, hand_capsules
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.camera_ring import CameraRing, seen_lights
 from bodysense.devices.simulated.noise import hide
 from bodysense.errors import BodysenseError
-from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+from bodysense.geometry.rotation import quaternion_rotate
+from bodysense.observing.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 _HANDS: tuple[Side, Side] = ("left", "right")
 _TIP = np.array([0.6, 0.8, 0.0])  # direction that a light on a fingertip faces, in the joint's own axes

@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bodysense.body.glove import side_of
-from bodysense.body.hand import HAND_JOINTS, mirrored_rotations
+from bodysense.body.hands.glove import side_of
+from bodysense.body.hands.hand import HAND_JOINTS, mirrored_rotations
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
 from bodysense.devices.simulated.noise import NoiseSettings, disturb
 from bodysense.errors import BodysenseError
-from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply
+from bodysense.observing.observation import EXACT_ACCURACY, Observation, accuracy_like
 
 _UP = np.array([0.0, 1.0, 0.0])
 

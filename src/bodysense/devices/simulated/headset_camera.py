@@ -23,10 +23,10 @@ import numpy as np
 
 from bodysense.body.capsules import Primitives, fit_primitives, pose_primitives
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rotation import quaternion_rotate
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.rays import blocked, segment_meets_box, segment_meets_capsule
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_rotate
 
 SIDES = ("left", "right")
 BODY_JOINTS = ("shoulder", "elbow", "hip", "knee")  # joints of each side that are seen or hidden independently

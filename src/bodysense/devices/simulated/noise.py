@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bodysense.body.rotation import geodesic_angle, quaternion_canonical, quaternion_exp, quaternion_multiply
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
+from bodysense.geometry.rotation import geodesic_angle, quaternion_canonical, quaternion_exp, quaternion_multiply
+from bodysense.observing.observation import Observation
 
 MEAN_NORM = (8 / np.pi) ** 0.5  # mean length of a normal vector in space, in deviations along one axis
 _LATEST_STAMP = 0.3  # of the shortest interval: larger jitter of stamps is clipped, so that times increase

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.capsules import PosedPrimitives
-from bodysense.body.segments import nearest_shares
+from bodysense.geometry.segments import nearest_shares
 
 _SLACK = 1e-4  # m: the quick test runs in single precision and lets near misses pass
 _TINY = 1e-30  # keeps divisions by zero finite

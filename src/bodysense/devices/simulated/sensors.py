@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import quaternion_canonical
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.inertial import sensor_accelerations
 from bodysense.errors import BodysenseError
-from bodysense.observation import EXACT_ACCURACY, INERTIAL_POINTS, Observation, accuracy_like
+from bodysense.geometry.rotation import quaternion_canonical
+from bodysense.observing.observation import EXACT_ACCURACY, INERTIAL_POINTS, Observation, accuracy_like
 
 WRISTS = ("left_wrist", "right_wrist")
 
@@ -28,6 +28,7 @@ class SensorSet:
     position: tuple[str, ...]  # points with a position
     rotation: tuple[str, ...]  # points with a rotation
     camera: bool = False  # headset_camera
+    acceleration: bool = True  # sensors with rotation only give accelerations, too
 
     @property
     def points(self) -> tuple[str, ...]:
@@ -44,10 +45,39 @@ def _pair(name: str) -> tuple[str, str]:
     return (f"left_{name}", f"right_{name}")
 
 
+def _turned(*names: str) -> SensorSet:
+    """Return a set of inertial sensors, which have no position."""
+    return SensorSet((), names)
+
+
+def _with_headset(sensors: SensorSet) -> SensorSet:
+    """Return a set with the pose of a headset in addition."""
+    return SensorSet(("head", *sensors.position), ("head", *sensors.rotation))
+
+
 THREE_POINTS = ("head", *WRISTS)  # of a headset and two controllers
 _SIX = (*THREE_POINTS, "pelvis", *_pair("ankle"))
 THREE_POINT = _posed(*THREE_POINTS)
 HEADSET_CAMERA = SensorSet(("head",), ("head",), camera=True)
+# Inertial trackers of SlimeVR: chest, thighs and shins; then the hip; then the feet.
+_SLIMEVR_FIVE = _turned("spine3", *_pair("hip"), *_pair("knee"))
+_SLIMEVR_SIX = _turned(*_SLIMEVR_FIVE.rotation, "pelvis")
+_SLIMEVR_EIGHT = _turned(*_SLIMEVR_SIX.rotation, *_pair("ankle"))
+# Inertial suits. Sensors on forearms and shins turn with the elbow and the knee.
+INERTIAL_SETS = {
+    "mocopi_six": _turned("head", "pelvis", *WRISTS, *_pair("ankle")),
+    "dip_six": _turned("head", "pelvis", *_pair("elbow"), *_pair("knee")),
+    "imu_seventeen": _turned(
+        *("pelvis", "spine3", "head"),
+        *(side for part in ("collar", "shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in _pair(part)),
+    ),
+    "slimevr_five": _SLIMEVR_FIVE,
+    "slimevr_six": _SLIMEVR_SIX,
+    "slimevr_eight": _SLIMEVR_EIGHT,
+    "headset_slimevr_five": _with_headset(_SLIMEVR_FIVE),
+    "headset_slimevr_six": _with_headset(_SLIMEVR_SIX),
+    "headset_slimevr_eight": _with_headset(_SLIMEVR_EIGHT),
+}
 SENSOR_SETS = {
     "head": _posed("head"),
     "three_point": THREE_POINT,
@@ -61,6 +91,7 @@ SENSOR_SETS = {
     # In addition to the sets of the tables: IMUs in the shoes, and on shins and shoes.
     "three_point_imu_shoes": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("ankle"))),
     "three_point_imu_legs": SensorSet(THREE_POINTS, (*THREE_POINTS, *_pair("knee"), *_pair("ankle"))),
+    **INERTIAL_SETS,
 }
 
 
@@ -114,7 +145,7 @@ def observe_points(
         name for name in points if name in INERTIAL_POINTS and name in sensors.rotation and name not in sensors.position
     ]
     acceleration = None
-    if inertial:
+    if inertial and sensors.acceleration:
         acceleration = np.full((*has_position.shape, 3), np.nan)
         felt = sensor_accelerations(position, skeleton.points, inertial, np.asarray(time, dtype=float))
         acceleration[..., [points.index(name) for name in inertial], :] = felt

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.rotation import normalize
+from bodysense.geometry.rotation import normalize
 
 # Fitted on rendered gestures and videos of training people. The mean of network and landmarks predicts the depths of
 # upper arm and forearm, as shares of their lengths; bias toward the camera, and error.

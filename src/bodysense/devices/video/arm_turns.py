@@ -12,7 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.arms import ARM_JOINTS, HAND_POINTS, SIDES
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import ARM, Skeleton
+from bodysense.geometry.rotation import (
     matrix_to_quaternion,
     normalize,
     quaternion_canonical,
@@ -23,7 +24,6 @@ from bodysense.body.rotation import (
     quaternion_rotate,
     shortest_arc,
 )
-from bodysense.body.skeleton import ARM, Skeleton
 
 _UPPER, _FORE, _WRIST = (
     np.array([ARM_JOINTS.index(f"{side}_{part}") for side in SIDES]) for part in ("shoulder", "elbow", "wrist")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.rotation import normalize
+from bodysense.geometry.rotation import normalize
 
 TIME_TOLERANCE = 1e-6  # s, or frames; times that differ less are equal
 

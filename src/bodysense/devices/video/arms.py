@@ -1,4 +1,4 @@
-"""Arms and hands from key-points of a video by a window network: `bodysense_lab/pahmt/network.py`, ONNX Runtime.
+"""Arms and hands from key-points of a video by a window network: `bodysense_lab/papers/pahmt/network.py`, ONNX Runtime.
 
 The network takes windows of 32 frames, one second. Windows start every `stride` seconds and overlap. Their predictions
 of a frame are blended, with more weight for the middle of a window than for its ends. A frame is output when a frame
@@ -22,13 +22,13 @@ import numpy as np
 from bodysense.body.arms import ARM_JOINTS, SIDES, with_arms
 from bodysense.body.keypoints import ArmKeypoints, body_torso, check_keypoints
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.rotation import normalize, quaternion_canonical, quaternion_conjugate, quaternion_multiply
 from bodysense.body.skeleton import Skeleton
-from bodysense.completion.network import Network, NetworkFormat
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.video.arm_window import TIME_TOLERANCE, ArmFrame, align_signs, smooth_window, window_of
 from bodysense.errors import BodysenseError
-from bodysense.observation import check_order
+from bodysense.geometry.rotation import normalize, quaternion_canonical, quaternion_conjugate, quaternion_multiply
+from bodysense.observing.observation import check_order
+from bodysense.weights.network import Network, NetworkFormat
 
 FORMAT = "bodysense arms 1"
 NETWORK = NetworkFormat(

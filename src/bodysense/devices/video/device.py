@@ -19,14 +19,7 @@ import numpy as np
 from bodysense.body.arms import ARM_JOINTS, ARM_POINTS, CHEST, SIDES, arm_rotations, arm_skeleton
 from bodysense.body.keypoints import Camera, arm_directions
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import (
-    matrix_to_quaternion,
-    normalize,
-    quaternion_canonical,
-    quaternion_multiply,
-)
 from bodysense.body.skeleton import ARM, Skeleton
-from bodysense.body.spring import spring_step
 from bodysense.devices.video.arm_lines import align_with_lines, with_depths
 from bodysense.devices.video.arm_turns import align_arms, palm_rotations, with_palms
 from bodysense.devices.video.camera_level import CameraLevel, remove_roll, roll_matrix, tilt_matrix
@@ -35,7 +28,14 @@ from bodysense.devices.video.landmark_smoothing import REACH, smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import VISIBLE, PersonLandmarks, arm_keypoints, joined_landmarks
 from bodysense.errors import BodysenseError
-from bodysense.observation import LANDMARK_ACCURACY, Observation
+from bodysense.geometry.rotation import (
+    matrix_to_quaternion,
+    normalize,
+    quaternion_canonical,
+    quaternion_multiply,
+)
+from bodysense.geometry.spring import spring_step
+from bodysense.observing.observation import LANDMARK_ACCURACY, Observation
 
 if TYPE_CHECKING:
     from bodysense.devices.video.arms import Arms

@@ -13,15 +13,15 @@ import numpy as np
 
 from bodysense.body.arms import CHEST, SIDES
 from bodysense.body.keypoints import torso_rotation
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.video.landmarks import BODY_LANDMARKS
+from bodysense.devices.video.person import VISIBLE, PersonLandmarks
+from bodysense.geometry.rotation import (
     matrix_to_quaternion,
     quaternion_conjugate,
     quaternion_multiply,
     quaternion_to_matrix,
 )
-from bodysense.body.skeleton import Skeleton
-from bodysense.devices.video.landmarks import BODY_LANDMARKS
-from bodysense.devices.video.person import VISIBLE, PersonLandmarks
 
 _MARK = {name: place for place, name in enumerate(BODY_LANDMARKS)}
 _LOCATING = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")  # landmarks that define the body's position

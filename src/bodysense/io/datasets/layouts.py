@@ -29,7 +29,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.datasets.splits import Split, split_of
 
 if TYPE_CHECKING:  # the command line imports this module, and starts sooner without what reads files
-    from bodysense.io.archive import MotionFile
+    from bodysense.io.formats.archive import MotionFile
 
 Layout = Literal["unoc", "twh", "mixamo", "folder"]
 LAYOUTS: tuple[Layout, ...] = get_args(Layout)

@@ -14,11 +14,11 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.amass import read_amass
-from bodysense.io.archive import SUFFIXES, ZIP, MotionFile, motion_files
 from bodysense.io.clip import Clip, at_height
 from bodysense.io.datasets.layouts import Layout, labelled, layout_of
 from bodysense.io.datasets.splits import SPLITS, Split
+from bodysense.io.formats.amass import read_amass
+from bodysense.io.formats.archive import SUFFIXES, ZIP, MotionFile, motion_files
 from bodysense.io.placement import BodyPlacement, read_with_placement, standing_floor
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigged import read_rigged

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodysense.body.glove_set import plain
-from bodysense.body.hand import FINGERS
-from bodysense.body.rotation import matrix_to_quaternion, quaternion_multiply, quaternion_rotate
+from bodysense.body.hands.glove_set import plain
+from bodysense.body.hands.hand import FINGERS
 from bodysense.body.skeleton import LEG, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import matrix_to_quaternion, quaternion_multiply, quaternion_rotate
 from bodysense.io.markers.centres import Places, axes_of, centre_of, turns_of
 from bodysense.io.markers.marker_sets import MarkerSet, Recipe, Recognised
 from bodysense.io.markers.raw_markers import (
@@ -25,7 +25,7 @@ from bodysense.io.markers.raw_markers import (
     listed,
     world_of,
 )
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
 
 SIZES = (0.55, 1.45)  # of an adult's size: range of a person's
 SEEN = 0.1  # share of the frames in which a marker must be seen

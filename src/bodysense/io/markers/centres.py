@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from bodysense.body.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix
+from bodysense.geometry.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix
 from bodysense.io.markers.marker_sets import Recipe, SegmentFrame
 
 AXES = ("left", "up", "forward")  # of a body that faces +Z: X, Y, Z

@@ -8,14 +8,14 @@ from typing import NoReturn
 
 import numpy as np
 
-from bodysense.body.glove import ALIGNMENT, MARKERS, default_glove, glove_points, side_of, template
-from bodysense.body.hand import glove_hands, hand_skeleton, mirrored_vectors
-from bodysense.body.hand_shapes import hand_shapes, marker_ranges, shape_distance
-from bodysense.body.registration import register
+from bodysense.body.hands.glove import ALIGNMENT, MARKERS, default_glove, glove_points, side_of, template
+from bodysense.body.hands.hand import glove_hands, hand_skeleton, mirrored_vectors
+from bodysense.body.hands.hand_shapes import hand_shapes, marker_ranges, shape_distance
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.registration import register
 from bodysense.io.markers.raw_markers import METRES, Unit
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
 
 FRAMES = 40  # at most, spread over the recording, that are checked
 FEWEST = 7  # markers in a frame, the three on the back of the hand among them

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bodysense.body.hand import glove_marker
+from bodysense.body.hands.hand import glove_marker
 from bodysense.errors import BodysenseError
 from bodysense.files import check_plain
-from bodysense.io.markers.c3d import read_c3d, write_c3d
-from bodysense.io.markers.csv_table import read_csv, write_csv
-from bodysense.io.markers.motive import is_motive, read_motive
-from bodysense.io.markers.nexus import is_nexus, read_nexus
+from bodysense.io.markers.formats.c3d import read_c3d, write_c3d
+from bodysense.io.markers.formats.csv_table import read_csv, write_csv
+from bodysense.io.markers.formats.motive import is_motive, read_motive
+from bodysense.io.markers.formats.nexus import is_nexus, read_nexus
+from bodysense.io.markers.formats.qualisys import read_tsv
+from bodysense.io.markers.formats.trc import read_trc
 from bodysense.io.markers.options import ENDINGS, is_marker_file
-from bodysense.io.markers.qualisys import read_tsv
 from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, Unit, convert_world, points_alone
-from bodysense.io.markers.trc import read_trc
-from bodysense.observation import Observation, chosen_points
+from bodysense.observing.observation import Observation, chosen_points
 
 WRITTEN = (".csv", ".c3d")
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text, written_beside
-from bodysense.io.markers.c3d import filled_c3d
+from bodysense.io.markers.formats.c3d import filled_c3d
+from bodysense.io.markers.formats.text import MISSING, OTHER_ENCODING
 from bodysense.io.markers.raw_markers import Cells, RawMarkers
-from bodysense.io.markers.text import MISSING, OTHER_ENCODING
 
 _SAMPLE = 50  # cells of a marker from which the number of digits is inferred
 _USUAL_DIGITS = 5  # decimals in a file without any number

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.gaps import runs
-from bodysense.body.rotation import smooth_step
+from bodysense.geometry.rotation import smooth_step
 
 COASTING = 0.3  # s in which a marker's velocity relative to its segment fades out in a gap
 ALIKE = 0.06  # m; a marker that the body carries with a larger error is not worn on it

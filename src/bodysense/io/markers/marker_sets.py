@@ -10,8 +10,8 @@ from functools import lru_cache
 from importlib.resources import files
 from typing import Any
 
-from bodysense.body.glove_set import plain
-from bodysense.body.hand import FINGERS
+from bodysense.body.hands.glove_set import plain
+from bodysense.body.hands.hand import FINGERS
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.rigs.names import joints_of, words
 

@@ -13,7 +13,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.reading_options import ReadingOptions
 
 if TYPE_CHECKING:
-    from bodysense.body.glove_set import GloveSet
+    from bodysense.body.hands.glove_set import GloveSet
     from bodysense.io.markers.raw_markers import MarkerFormat, Unit, Up
 
 ENDINGS = (".c3d", ".csv", ".trc", ".tsv")
@@ -58,7 +58,7 @@ class MarkerOptions:
         """Return the gloves' marker set, if one is given."""
         if self.marker_set is None:
             return None
-        from bodysense.body.glove_set import read_set
+        from bodysense.body.hands.glove_set import read_set
 
         return read_set(self.marker_set)
 

@@ -11,13 +11,13 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.glove import MARKERS, side_of, standard_marker
-from bodysense.body.glove_set import GloveSet, packaged_sets, standard_set
-from bodysense.body.hand import glove_marker
+from bodysense.body.hands.glove import MARKERS, side_of, standard_marker
+from bodysense.body.hands.glove_set import GloveSet, packaged_sets, standard_set
+from bodysense.body.hands.hand import glove_marker
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
-from bodysense.observation import OPTICAL_ACCURACY, Observation, accuracy_like
+from bodysense.observing.observation import OPTICAL_ACCURACY, Observation, accuracy_like
 
 Unit = Literal["m", "cm", "mm", "in", "ft"]
 Up = Literal["y", "z"]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.hand import FINGERS
+from bodysense.body.hands.hand import FINGERS
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.markers.body import body_of
@@ -24,7 +24,7 @@ from bodysense.io.markers.raw_markers import (
     observed_markers,
     world_of,
 )
-from bodysense.observation import check_observation, joined_points
+from bodysense.observing.observation import check_observation, joined_points
 
 _FARTHEST = 1e9  # m from the origin: well over what a wrong unit makes, which has a better message
 

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.hand import FINGERS
+from bodysense.body.hands.hand import FINGERS
 from bodysense.errors import BodysenseError
 from bodysense.io.fingers import is_finger
 from bodysense.io.rigs.figure import Tree, usual_length

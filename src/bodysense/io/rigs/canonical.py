@@ -20,7 +20,9 @@ from dataclasses import replace
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import FINGERS, Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_exp,
@@ -28,8 +30,6 @@ from bodysense.body.rotation import (
     quaternion_rotate,
     shortest_arc,
 )
-from bodysense.body.skeleton import FINGERS, Skeleton, default_skeleton
-from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip, parts_lacking
 from bodysense.io.fingers import is_finger, with_fingers
 from bodysense.io.rigs.rest_pose import (

@@ -11,7 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_multiply, quaternion_rotate
+from bodysense.geometry.rotation import quaternion_multiply, quaternion_rotate
 from bodysense.io.rigs.names import is_end, is_helper, parts
 
 SAMPLE = 120  # frames, evenly spaced, in which lengths are measured

@@ -17,7 +17,7 @@ from importlib.resources import files
 from itertools import takewhile
 from typing import TypeVar
 
-from bodysense.body.hand import FINGERS
+from bodysense.body.hands.hand import FINGERS
 
 _TABLE = tomllib.loads(files("bodysense.io.rigs").joinpath("names.toml").read_text(encoding="utf-8"))
 PARTS = {word: tuple(means.split(" or ")) for means, spellings in _TABLE["parts"].items() for word in spellings}

@@ -24,7 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import (
     geodesic_angle,
     matrix_to_quaternion,
     quaternion_conjugate,
@@ -33,7 +34,6 @@ from bodysense.body.rotation import (
     quaternion_rotate,
     shortest_arc,
 )
-from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 
 LIMB_TOLERANCE = np.deg2rad(15.0)

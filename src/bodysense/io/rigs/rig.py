@@ -15,15 +15,15 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.body.world_axes import TURNS, UpAxis
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import parts_lacking
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.body import WORST, Body, named_body
 from bodysense.io.rigs.figure import Figure, Tree, measured, usual_length
 from bodysense.io.rigs.names import ARMS, LEGS, family_of
+from bodysense.observing.world_axes import TURNS, UpAxis
 
 _PERSON = (1.3, 2.3)  # m: height of a person
 _CHILD = 0.9  # m: height of a smaller person, allowed in metres, centimetres or millimetres

@@ -13,7 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
-from bodysense.body.hand import FINGERS
+from bodysense.body.hands.hand import FINGERS
 from bodysense.errors import BodysenseError
 from bodysense.io.rigs.body import (
     ALIKE,

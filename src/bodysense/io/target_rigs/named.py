@@ -10,7 +10,7 @@ from typing import Literal, get_args
 from bodysense.body.skeleton import FINGERS, Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.io.gltf.humanoid import VRM_BONES, check_humanoid, t_posed
+from bodysense.io.formats.gltf.humanoid import VRM_BONES, check_humanoid, t_posed
 
 OWN = "bodysense"
 SOURCE = "source"  # the rig of the file that was tracked

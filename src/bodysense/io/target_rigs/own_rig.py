@@ -16,17 +16,17 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.retarget import transfer_motion
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import (
     normalize,
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_multiply,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.errors import BodysenseError
-from bodysense.io.bvh_text import BvhFile, open_bvh
 from bodysense.io.clip import Clip
+from bodysense.io.formats.bvh_text import BvhFile, open_bvh
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigged import Rigged, read_rigged
 from bodysense.io.rigs.figure import positions_in_parent

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_rotate
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import normalize, quaternion_conjugate, quaternion_rotate
 from bodysense_conform.quantities.shape import LIMBS
 from bodysense_conform.series import Series, angle, dot, need, norm
 from bodysense_conform.subject import SIDES, UP, Subject, is_finger

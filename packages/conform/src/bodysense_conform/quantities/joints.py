@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.posture import posture
-from bodysense.body.rotation import normalize, quaternion_log
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry.rotation import normalize, quaternion_log
 from bodysense_conform.series import Series, angle, dot
 from bodysense_conform.subject import Subject
+
+FOLDED = 25.0  # degrees of a knee that is folded backward
+_ALONG = 0.7  # cosine between the hips and the axis about which a knee folds: legs that are turned out stay below
 
 
 def beyond(subject: Subject, joint: str) -> Series:
@@ -39,3 +42,10 @@ def knee_bend(subject: Subject, hip: str, knee: str, ankle: str) -> Series:
     thigh, leg = subject.line(hip, knee), normalize(subject.line(hip, ankle))
     ahead = np.cross(subject.line("left_hip", "right_hip"), leg)
     return np.where(dot(thigh, ahead) < 0, -1, 1) * angle(thigh, subject.line(knee, ankle))
+
+
+def knee_fold(subject: Subject, hip: str, knee: str, ankle: str) -> Series:
+    """Angle by which a knee folds backward about an axis along the hips, degrees; 0 if it bends another way."""
+    thigh, shin = subject.line(hip, knee), subject.line(knee, ankle)
+    axis, hips = normalize(np.cross(thigh, shin)), normalize(subject.line("left_hip", "right_hip"))
+    return np.where(dot(axis, hips) > _ALONG, angle(thigh, shin), np.where(np.isfinite(thigh[:, 0]), 0.0, np.nan))

@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.gaps import runs
-from bodysense.body.rotation import geodesic_angle
 from bodysense.body.skeleton import BODY
+from bodysense.geometry.rotation import geodesic_angle
 from bodysense_conform.series import Series, change, dot, later, need, norm
 from bodysense_conform.subject import Subject
 
 STEADY = tuple(name for name in BODY if not name.endswith("_foot"))
 _KICK = 0.6  # weight of ankles in spikes: kicks are fast, and takes by markers flip feet
 _MOVING = 0.15  # m/s; a body whose points move slower on average is too slow for stutter to be judged
+_EQUAL = 0.05  # of the usual speed; a joint that is slower in one frame rests in it
+_WIDEST = 3  # frames of a spike
 _STEADY = 0.75  # of the mean of both neighbours' steps: shorter mean steps turn, and predict nothing
 _STALLED, _REPEATS = 0.02, 1e-6  # m/s of the faster joints in a stall, and in one that repeats a frame
 _ABRUPT = 0.15  # m/s of the faster joints in the frames around a stall
@@ -25,15 +27,37 @@ _NEAR = 0.15  # s; over longer intervals any joint may turn about
 
 
 def spike(subject: Subject, joint: str) -> Series:
-    """Departure of a joint, seen from the pelvis, from the frames around it: m beyond the curve of its motion."""
+    """Departure of a joint, seen from the pelvis, from the frames around it: m beyond the curve of its motion.
+
+    Spikes of up to `_WIDEST` frames count: their least departure from the cubic through the two frames before and the
+    two after.
+    """
     need(len(subject) >= 7, "no pelvis, or fewer than seven frames")
     coarse = min(1.0, (1 / 20 / subject.interval) ** 2)  # curvature grows with the interval
     place = subject.line("pelvis", joint)
-    before, after = later(place, -1), later(place, 1)
-    middle = (4 * (before + after) - later(place, -2) - later(place, 2)) / 6
-    # A fast limb curves in the frames around a spike, too; a spike of one frame leaves the path between them short.
-    beside = norm(after - before) / 2
-    return coarse * (_KICK if joint.endswith("_ankle") else 1) * (norm(place - middle) - beside)
+    found = np.full(len(subject), np.nan)
+    for width in range(1, _WIDEST + 1):
+        near = (-1, 0, width + 1, width + 2)  # frames around a spike, whose first frame is 1
+        around = [later(place, frame - 1) for frame in near]
+        least = np.full(len(subject), np.inf)
+        for frame in range(1, width + 1):
+            weights = [np.prod([(frame - b) / (a - b) for b in near if b != a]) for a in near]
+            curve = sum(weight * one for weight, one in zip(weights, around, strict=True))
+            least = np.minimum(least, norm(later(place, frame - 1) - curve))
+        # A fast limb curves in the frames around a spike, too; a spike leaves the path between them short.
+        found = np.fmax(found, least - norm(around[2] - around[1]) / 2)
+    return coarse * (_KICK if joint.endswith("_ankle") else 1) * found
+
+
+def repeats(subject: Subject) -> Series:
+    """Whether a frame of a moving body equals the one before: half of its joints rest for that frame alone."""
+    names = _joints(subject)
+    step = norm(subject.velocity[:, subject.columns(names)])
+    usual = _slow_speed(subject, names)
+    moving = usual > _MOVING
+    rests = np.where(np.isfinite(step), step < _EQUAL * usual, False)
+    share = (rests & moving).sum(axis=1) / np.maximum(moving.sum(axis=1), 1)
+    return np.where(2 * moving.sum(axis=1) > len(names), share > 1 / 2, np.nan)
 
 
 def pace(subject: Subject) -> Series:
@@ -43,6 +67,7 @@ def pace(subject: Subject) -> Series:
     an even motion whose times are right do not count.
     """
     here = subject.velocity[:, subject.columns(_joints(subject))]
+    slow = _slow_speed(subject, _joints(subject))
     found = np.full(len(subject), np.nan)
     if len(subject) <= 3:
         return found
@@ -50,7 +75,7 @@ def pace(subject: Subject) -> Series:
     middle = (before + after) / 2
     size = norm(middle)
     beside = (norm(before) + norm(after)) / 2
-    good = size > np.maximum(_MOVING, _STEADY * beside)
+    good = (size > np.maximum(_MOVING, _STEADY * beside)) & (slow > _MOVING)
     steps = np.where(good, dot(here, middle) / np.maximum(size, 1e-9) ** 2, np.nan)
     enough = good.sum(axis=1) > good.shape[1] / 2
     need(enough.any(), "the body moves too slowly")
@@ -146,6 +171,14 @@ def flip(subject: Subject, joint: str) -> Series:
     turn = subject.turn(joint) if joint == "pelvis" else subject.local(subject.parent(joint), joint)
     near = change(subject.time) <= _NEAR
     return np.where(near, np.degrees(geodesic_angle(turn, later(turn, -1))), np.nan)
+
+
+def _slow_speed(subject: Subject, names: tuple[str, ...]) -> np.ndarray:
+    """Return speeds (T, K) of points over a quarter of a second around each frame, m/s: noise is no speed."""
+    half = max(subject.frames(_BASE / 2), 1)
+    place = subject.places[:, subject.columns(names)]
+    seconds = later(subject.time, half) - later(subject.time, -half)
+    return norm(later(place, half) - later(place, -half)) / np.where(seconds > 0, seconds, np.nan)[:, None]
 
 
 def _joints(subject: Subject) -> tuple[str, ...]:

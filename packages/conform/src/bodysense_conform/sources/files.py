@@ -13,8 +13,8 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
-from bodysense.observation import Observation
-from bodysense.open import MarkerSource, MotionSource, RecordingSource, open_source
+from bodysense.observing.observation import Observation
+from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, open_source
 from bodysense_conform.sources.mcap_take import read_mcap
 from bodysense_conform.subject import Subject, is_finger, ordered, points_subject
 

@@ -1,4 +1,4 @@
-"""MCAP takes as subjects: bodies and hands in the schemas of `bodysense.io.mcap_take`, by any writer."""
+"""MCAP takes as subjects: bodies and hands in the schemas of `bodysense.io.formats.mcap_take`, by any writer."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import numpy as np
 from bodysense.arrays import check_sizes
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.io.mcap_take import (
+from bodysense.io.formats.mcap_take import (
     BODY_JOINTS,
     BODY_LAYOUT,
     BODY_SCHEMA,
@@ -61,6 +61,7 @@ def read_mcap(path: Path) -> Subject:
         available=main["times"]["available"] / 1e9,
         device_time=main["times"]["device"] / 1e9,
         all_tracked=main["all_tracked"] if first == "body" else None,
+        all_valid=main["joints"]["valid"].all(axis=1) if first == "body" else None,
     )
     subject = points_subject(path.stem, "MCAP", names, time, position, rotation, rotated, valid)
     return replace(subject, floor=0.0, transport=transport)

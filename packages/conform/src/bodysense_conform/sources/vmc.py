@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodysense.body.rotation import normalize, quaternion_multiply, quaternion_rotate
 from bodysense.errors import BodysenseError
-from bodysense.io.gltf.humanoid import VRM_BONES, unity_bone
-from bodysense.io.osc import LARGEST, Message, read_packet
-from bodysense.io.unity import from_unity_rotation, unity_position
+from bodysense.geometry.rotation import normalize, quaternion_multiply, quaternion_rotate
+from bodysense.io.formats.gltf.humanoid import VRM_BONES, unity_bone
+from bodysense.io.formats.osc import LARGEST, Message, read_packet
+from bodysense.io.formats.unity import from_unity_rotation, unity_position
 from bodysense_conform.subject import Subject, Transport, nearest_ancestor, ordered, points_subject
 
 _OURS = {unity_bone(bone): joint for joint, bone in VRM_BONES.items()}

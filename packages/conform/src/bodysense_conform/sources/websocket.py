@@ -14,7 +14,7 @@ import numpy as np
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError, missing_package
-from bodysense.io.protocol import POSE, SUBPROTOCOL, VERSION, PoseFrame, read_pose
+from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, VERSION, PoseFrame, read_pose
 from bodysense_conform.sources.files import pose_subject
 from bodysense_conform.subject import Subject, Transport
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from bodysense.ranges import Count, Seed
 from bodysense_lab.commands.reporting import finish, open_data, progress_bar
-from bodysense_lab.options import Data, Flat, Table, TableOptions
-from bodysense_lab.pahmt.options import ArmTableTraining, ArmTraining, VideoSimulation
+from bodysense_lab.core.options import Data, Flat, Table, TableOptions
+from bodysense_lab.papers.pahmt.options import ArmTableTraining, ArmTraining, VideoSimulation
 
 
 def arms(run: Flat[ArmTraining]) -> None:
@@ -16,7 +16,7 @@ def arms(run: Flat[ArmTraining]) -> None:
     Training takes the clips with fingers of the train split and keeps the weights that are best on the val split.
     It writes NAME.onnx with the weights next to it as NAME.pt, or NAME.pt alone.
     """
-    from bodysense_lab.pahmt.train import run_arms
+    from bodysense_lab.papers.pahmt.train import run_arms
 
     run_arms(run)
 
@@ -26,7 +26,7 @@ def arms_table(run: Flat[ArmTableTraining]) -> None:
 
     Training resumes after a stop.
     """
-    from bodysense_lab.pahmt.train import run_table
+    from bodysense_lab.papers.pahmt.train import run_table
 
     run_table(run)
 
@@ -50,7 +50,7 @@ def pahmt_table1(
         stride: frames between the starts of windows.
         seed: random seed of cameras and of the detector's errors.
     """
-    from bodysense_lab.pahmt.tables import arm_report, rows_in, score_arms
+    from bodysense_lab.papers.pahmt.tables import arm_report, rows_in, score_arms
 
     chosen, rows = open_data(data, table), rows_in(networks, model)
     with progress_bar("scored", chosen.count()) as advance:

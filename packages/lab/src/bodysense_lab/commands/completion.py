@@ -22,7 +22,7 @@ from bodysense_lab.commands.reporting import (
     show,
     with_progress_bar,
 )
-from bodysense_lab.completion.options import (
+from bodysense_lab.completion.training.options import (
     CompletionTraining,
     EvaluationFiles,
     EvaluationNetworks,
@@ -30,9 +30,21 @@ from bodysense_lab.completion.options import (
     EvaluationWork,
     FingerTraining,
     JoiningTraining,
+    KindsScope,
 )
-from bodysense_lab.options import Data, Flat, Json, Table, TableOptions
+from bodysense_lab.core.options import Data, Flat, Json, Table, TableOptions
 
+_PAIRS = 4  # pairs that a process scores at a time
+SceneSetName = Literal[
+    "head",
+    "three_point",
+    "hands_in_view",
+    "lost_hands",
+    "headset_camera",
+    "six_point",
+    "head_unknown",
+    "three_point_unknown",
+]
 Network = Annotated[Path | None, tyro.conf.arg(help="completion network of your own; the packaged one if omitted")]
 
 
@@ -41,10 +53,10 @@ def completion(run: Flat[CompletionTraining]) -> None:
 
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
-    from bodysense_lab.completion.publish import publish, round_network
-    from bodysense_lab.completion.task import CompletionTask
+    from bodysense_lab.completion.networks.publish import publish, round_network
     from bodysense_lab.completion.train import completion_finger_network, train_completion
-    from bodysense_lab.fit import announce_run
+    from bodysense_lab.completion.training.task import CompletionTask
+    from bodysense_lab.core.fit import announce_run
 
     check_place(run.out)
     fabric = announce_run(run, CompletionTask)
@@ -64,9 +76,9 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
 
     Training resumes from its checkpoint, the .ckpt that is written.
     """
-    from bodysense_lab.completion.task import FingerTask
     from bodysense_lab.completion.train import train_fingers
-    from bodysense_lab.fit import announce_run
+    from bodysense_lab.completion.training.task import FingerTask
+    from bodysense_lab.core.fit import announce_run
 
     check_place(run.out)
     fabric = announce_run(run, FingerTask)
@@ -80,8 +92,8 @@ def completion_joining(run: Flat[JoiningTraining]) -> None:
     The takes are completed first, in both directions, by the packaged networks. Training resumes from its checkpoint in
     the folder of the run, which also keeps the takes.
     """
-    from bodysense_lab.completion.joining_task import JoiningTask, train_joining, write_joining
-    from bodysense_lab.fit import announce_run
+    from bodysense_lab.completion.training.joining_task import JoiningTask, train_joining, write_joining
+    from bodysense_lab.core.fit import announce_run
 
     check_place(run.out)
     fabric = announce_run(run, JoiningTask)
@@ -101,17 +113,17 @@ def completion_table(
 ) -> None:
     """Score the tracker on any sensors and proportions: errors, motion, feet, confidence, lattice of sensors."""
     from bodysense.cli.show import wide_console, write_numbers
-    from bodysense_lab.clips import open_clips
-    from bodysense_lab.completion.baselines import cached_mean_body
-    from bodysense_lab.completion.clip_results import ClipResults
-    from bodysense_lab.completion.reliability import draw_reliability
-    from bodysense_lab.completion.scoring import evaluate_completion, work_of
-    from bodysense_lab.completion.tables import CompletionSettings, completion_reports
-    from bodysense_lab.completion.tracking import PeopleTracker, TakeTracker, step_times
-    from bodysense_lab.completion.worst import draw_worst
-    from bodysense_lab.datasets import Census, census_of, open_data_set
-    from bodysense_lab.parallel import parallel_map
-    from bodysense_lab.table import write_csv
+    from bodysense_lab.completion.score.baselines import cached_mean_body, count_of_split
+    from bodysense_lab.completion.score.clip_results import ClipResults
+    from bodysense_lab.completion.score.reliability import draw_reliability
+    from bodysense_lab.completion.score.scoring import evaluate_completion, work_of
+    from bodysense_lab.completion.score.tables import CompletionSettings, completion_reports
+    from bodysense_lab.completion.score.tracking import PeopleTracker, TakeTracker, step_times
+    from bodysense_lab.completion.score.worst import draw_worst
+    from bodysense_lab.core.parallel import parallel_map
+    from bodysense_lab.core.table import write_csv
+    from bodysense_lab.data.clips import open_clips
+    from bodysense_lab.data.datasets import Census, census_of, open_data_set
 
     if networks.backward_model is not None and not scope.takes:
         raise BodysenseError("--backward-model: only takes are tracked backward in time; give --takes as well")
@@ -135,8 +147,8 @@ def completion_table(
     )
     census = sum(map(census_of, clips), start=Census())
     mean_body = None
-    if "headset_camera" in scope.sets:
-        with progress_bar("averaging bodies") as advance:
+    if "headset_camera" in scope.sets and scope.mean_body:
+        with progress_bar("averaging bodies", count_of_split(data.path, "train")) as advance:
             mean_body = cached_mean_body(data.path, advance)
     with progress_bar("scored", work_of(len(clips), settings)) as advance:
         table = evaluate_completion(
@@ -165,6 +177,39 @@ def completion_table(
         console.print(f"wrote {path}", highlight=False)
 
 
+def kinds(scope: Flat[KindsScope]) -> None:
+    """Score kinds of signals: named and random sets, each without its head, its rotations or its positions.
+
+    Random pairs of a set and the same set with one more sensor show whether a sensor ever makes the body worse.
+    """
+    from bodysense_lab.completion.kinds.kind_scores import kind_jobs, kind_report, score_all
+    from bodysense_lab.completion.kinds.lattice import random_edges
+    from bodysense_lab.completion.kinds.lattice_scores import FRAMES, choose_scenes, score_lattice
+    from bodysense_lab.completion.score.scenes import scene_of
+    from bodysense_lab.completion.score.tracking import PeopleTracker
+    from bodysense_lab.core.parallel import parallel_map
+    from bodysense_lab.core.scoring import RATE
+    from bodysense_lab.data.clips import open_clips
+    from bodysense_lab.data.datasets import open_data_set
+
+    check_places(scope.json)
+    track = PeopleTracker(scope.model)
+    _ = track.network  # refuse other files before any work
+    data = open_data_set(scope.data, scope.split)
+    long = [clip for clip in open_clips(data.path, scope.split) if clip.seconds >= FRAMES / RATE]
+    chosen = choose_scenes([scene_of(clip, "stranger", scope.split) for clip in long], scope.clips)
+    jobs, edges = kind_jobs(scope.members), random_edges(scope.pairs)
+    share = partial(parallel_map, jobs=scope.jobs or os.cpu_count() or 1)
+    with progress_bar("scored", len(jobs) + len(edges)) as advance:
+        scores = score_all(jobs, chosen, track, share, advance)
+        groups = [edges[first : first + _PAIRS] for first in range(0, len(edges), _PAIRS)]
+        pairs = []
+        for group, found in share(partial(score_lattice, scenes=chosen, track=track), groups):
+            pairs.extend(found)
+            advance("pairs", len(group))
+    show(kind_report(scores, pairs, f"{data.name}, {scope.split}", len(chosen)), scope.json)
+
+
 def amass_p1(
     amass: Path,
     split_lists: Path,
@@ -185,11 +230,11 @@ def amass_p1(
         limit: number of clips, spread evenly; all if omitted.
         jobs: processes.
     """
-    from bodysense_lab.amass_p1 import listed_sources, mpjpe_interval, protocol_report, score_source
-    from bodysense_lab.clips import spread_evenly
-    from bodysense_lab.completion.tables import sample_remark
-    from bodysense_lab.completion.tracking import PeopleTracker
-    from bodysense_lab.parallel import parallel_map
+    from bodysense_lab.completion.score.amass_p1 import listed_sources, mpjpe_interval, protocol_report, score_source
+    from bodysense_lab.completion.score.tables import sample_remark
+    from bodysense_lab.completion.score.tracking import PeopleTracker
+    from bodysense_lab.core.parallel import parallel_map
+    from bodysense_lab.data.clips import spread_evenly
 
     check_places(json)
     listed, missing = listed_sources(amass, split_lists)
@@ -217,13 +262,65 @@ def sight(headset: Path | None = None, model: Network = None, json: Json = None)
     """
     from rich.console import Console
 
-    from bodysense_lab.completion.tracking import PeopleTracker
-    from bodysense_lab.completion.wearer_scores import score_wearers, sight_report
+    from bodysense_lab.completion.score.sight.wearer_scores import score_wearers, sight_report
+    from bodysense_lab.completion.score.tracking import PeopleTracker
 
     check_places(json)
     with Console().status("tracking …"):
         scores = score_wearers(PeopleTracker(model).network, headset)
     show(sight_report(scores), json)
+
+
+def scenes(
+    split: Literal["val", "test"] = "test",
+    scenes: Count = 4,
+    sets: tuple[SceneSetName, ...] = (),
+    kinds: tuple[str, ...] = (),
+    headset: Path | None = None,
+    model: Network = None,
+    sheet: Path | None = None,
+    sheet_set: SceneSetName = "three_point",
+    jobs: Processes | None = None,
+    json: Json = None,
+) -> None:
+    """Score scripted people at home, who step, turn, bow, kneel, sit and reach, by sets of sensors.
+
+    Args:
+        split: seeds of the scenes; networks are compared on `val`.
+        scenes: scenes of each kind.
+        sets: sets of sensors; all if omitted.
+        kinds: kinds of scenes; all if omitted.
+        headset: folder of recorded headsets (headset_takes.npz); left out if omitted.
+        sheet: picture (PNG) of a scene of each kind, the truth over the result.
+        sheet_set: set of sensors of the picture.
+        jobs: processes; one for each core if omitted.
+    """
+    from bodysense.cli.show import wide_console, write_numbers
+    from bodysense_lab.completion.score.tracking import PeopleTracker
+    from bodysense_lab.completion.scripted.scene_scoring import SETS, SceneWork, scene_jobs, score_headsets
+    from bodysense_lab.completion.scripted.scene_strips import draw_strips
+    from bodysense_lab.completion.scripted.scene_tables import merge_scores, scene_numbers, scene_reports
+    from bodysense_lab.core.parallel import parallel_map
+    from bodysense_lab.synthesis.scenes import KINDS
+
+    check_places(json, sheet)
+    unknown = [kind for kind in kinds if kind not in KINDS]
+    if unknown:
+        raise BodysenseError(f"--kinds {unknown[0]}: no scene of this kind; give some of {', '.join(KINDS)}")
+    track = PeopleTracker(model)
+    _ = track.network  # refuse other files before any work
+    chosen = kinds or tuple(KINDS)
+    todo = scene_jobs(split, chosen, scenes)
+    done = parallel_map(SceneWork(track, sets or tuple(SETS)), todo, jobs or os.cpu_count() or 1)
+    scored = merge_scores(with_progress_bar(done, "scored", len(todo)))
+    headsets = {} if headset is None else dict(score_headsets(headset, track))
+    console = wide_console()
+    for report in scene_reports(scored, headsets, f"{split}, {scenes} of each kind"):
+        print_report(report, console)
+    write_numbers(json, scene_numbers(scored, headsets))
+    if sheet is not None:
+        draw_strips(sheet, scene_jobs(split, chosen, 1), sheet_set, track)
+        console.print(f"wrote {sheet}", highlight=False)
 
 
 def untracked_fingers(
@@ -239,8 +336,8 @@ def untracked_fingers(
         networks: checkpoints of `bodysense train completion-fingers --leave-out NAME`.
         split: which clips of these people.
     """
-    from bodysense_lab.completion.corpus import read_corpus
-    from bodysense_lab.completion.finger_scores import finger_report, load_finger_network, score_fingers
+    from bodysense_lab.completion.data.corpus import read_corpus
+    from bodysense_lab.completion.score.finger_scores import finger_report, load_finger_network, score_fingers
 
     check_places(json)
     loaded = {path.name: load_finger_network(path) for path in networks}
@@ -266,8 +363,8 @@ def holes(
         clips: number of clips, spread evenly; all if omitted.
         parts: parts of the body to remove; all if omitted.
     """
-    from bodysense_lab.clips import open_clips
-    from bodysense_lab.holes import PARTS, holes_report, score_holes
+    from bodysense_lab.completion.score.holes import PARTS, holes_report, score_holes
+    from bodysense_lab.data.clips import open_clips
 
     source = open_data(data, table)
     total = source.count()

@@ -12,17 +12,17 @@ import tyro
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count, Seed
 from bodysense_lab.commands.reporting import check_outputs, finish, open_data, progress_bar
-from bodysense_lab.options import Flat, Table, TableOptions
-from bodysense_lab.two_hands.options import GloveTraining
+from bodysense_lab.core.options import Flat, Table, TableOptions
+from bodysense_lab.papers.two_hands.options import GloveTraining
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from bodysense_lab.datasets import Census, DataSet
-    from bodysense_lab.table import Report
-    from bodysense_lab.two_hands.hand_pairs import Figures, Piece, Work
-    from bodysense_lab.two_hands.scores import GloveTable, HandTask
-    from bodysense_lab.two_hands.trials import HandErrors
+    from bodysense_lab.core.table import Report
+    from bodysense_lab.data.datasets import Census, DataSet
+    from bodysense_lab.papers.two_hands.score.hand_pairs import Figures, Piece, Work
+    from bodysense_lab.papers.two_hands.score.scores import GloveTable, HandTask
+    from bodysense_lab.papers.two_hands.trials import HandErrors
 
 F = TypeVar("F", bound="Figures")
 Hands = Annotated[
@@ -50,7 +50,7 @@ def gloves(run: Flat[GloveTraining]) -> None:
 
     It writes a folder: glove_markers.onnx and glove_joints.onnx, each with its checkpoint and log.
     """
-    from bodysense_lab.two_hands.train import people_with_fingers, run_gloves
+    from bodysense_lab.papers.two_hands.train import people_with_fingers, run_gloves
 
     if not run.leave_one_out:
         run_gloves(run)
@@ -68,8 +68,8 @@ def gloves_occlusion(
     are counted.
     """
     from bodysense.devices.simulated.camera_ring import CameraRing
-    from bodysense_lab.two_hands.hand_pairs import SYNTHESISED
-    from bodysense_lab.two_hands.occlusion import SYNTHESISED_PIECES, count_pair, occlusion_report
+    from bodysense_lab.papers.two_hands.score.hand_pairs import SYNTHESISED
+    from bodysense_lab.papers.two_hands.score.occlusion import SYNTHESISED_PIECES, count_pair, occlusion_report
 
     ring = CameraRing(count=cameras)
     seeds = _seeds(seed, SYNTHESISED_PIECES, table) if data is None else []
@@ -88,14 +88,14 @@ def gloves_limits(
 ) -> None:
     """Two hands, section 7: overlapping hands, pinches, wrong markers, markers without labels, jumps.
 
-    Two hands are tracked by a ring of cameras and completed with and without the contact step. Wrong samples are
-    accepted or rejected. Markers without labels are labelled again.
+    Two hands are tracked by a ring of cameras and completed. Wrong samples are accepted or
+    rejected. Markers without labels are labelled again.
     """
     from bodysense.devices.gloves.hands import load_glove_models
     from bodysense.devices.simulated.camera_ring import CameraRing
-    from bodysense_lab.two_hands.hand_pairs import SYNTHESISED_SECONDS
-    from bodysense_lab.two_hands.limits import SYNTHESISED_PIECES, measure_limits
-    from bodysense_lab.two_hands.limits_report import limits_report
+    from bodysense_lab.papers.two_hands.score.hand_pairs import SYNTHESISED_SECONDS
+    from bodysense_lab.papers.two_hands.score.limits import SYNTHESISED_PIECES, measure_limits
+    from bodysense_lab.papers.two_hands.score.limits_report import limits_report
 
     ring = CameraRing(count=cameras)
     load_glove_models(markers, joints)  # refuses other files before the work
@@ -113,8 +113,8 @@ def gloves_table3(
     One to four markers are hidden for 0.1 to 2 s.
     """
     from bodysense.devices.gloves.networks import load_marker_network
-    from bodysense_lab.two_hands.scores import measure_markers
-    from bodysense_lab.two_hands.tables import marker_report
+    from bodysense_lab.papers.two_hands.score.scores import measure_markers
+    from bodysense_lab.papers.two_hands.score.tables import marker_report
 
     load_marker_network(model)  # refuses other files before the work
     _score_hands(partial(measure_markers, model=model, left_out=left_out), marker_report, data, table)
@@ -129,8 +129,8 @@ def gloves_table4(
 ) -> None:
     """Two hands, Table 4: finger joints by cyclic coordinate descent, and by the glove device with hidden markers."""
     from bodysense.devices.gloves.hands import load_glove_models
-    from bodysense_lab.two_hands.scores import measure_fingers
-    from bodysense_lab.two_hands.tables import finger_report
+    from bodysense_lab.papers.two_hands.score.scores import measure_fingers
+    from bodysense_lab.papers.two_hands.score.tables import finger_report
 
     load_glove_models(markers, joints)  # refuses other files before the work
     work = partial(measure_fingers, markers=markers, joints=joints, left_out=left_out)
@@ -149,7 +149,7 @@ def gloves_fusion(
     The hands are unseen: left out of training (--left-out) or drawn from the hand shape space.
     """
     from bodysense.devices.gloves.hands import load_glove_models
-    from bodysense_lab.two_hands.fusion import fusion_report, measure_fusion
+    from bodysense_lab.papers.two_hands.score.fusion import fusion_report, measure_fusion
 
     load_glove_models(markers, joints)  # refuses other files before the work
     work = partial(measure_fusion, markers=markers, joints=joints, left_out=left_out)
@@ -161,7 +161,7 @@ def gloves_settings(data: Hands = None, table: Table = TableOptions(split="val")
 
     Hands are drawn with their own seed and have motions of the validation split.
     """
-    from bodysense_lab.two_hands.choice import measure_settings, settings_report
+    from bodysense_lab.papers.two_hands.score.choice import measure_settings, settings_report
 
     _score_hands(measure_settings, settings_report, data, table, by_person=True)
 
@@ -172,7 +172,7 @@ def gloves_layouts(hands: Count | None = None, table: Table = TableOptions()) ->
     Args:
         hands: number of drawn hands; 20 if omitted, 1 with --quick.
     """
-    from bodysense_lab.two_hands.layouts import layout_table, layouts
+    from bodysense_lab.papers.two_hands.score.layouts import layout_table, layouts
 
     check_outputs(table)
     count = hands or (1 if table.quick else 20)
@@ -193,8 +193,8 @@ def _pairs(
 
     Raises BodysenseError if no clip of the data has fingers.
     """
-    from bodysense_lab.datasets import Census
-    from bodysense_lab.two_hands.hand_pairs import SYNTHESISED, over_clips, over_seeds
+    from bodysense_lab.data.datasets import Census
+    from bodysense_lab.papers.two_hands.score.hand_pairs import SYNTHESISED, over_clips, over_seeds
 
     check_outputs(table)
     chosen, found, census = None, dict[str, F](), Census()
@@ -221,7 +221,7 @@ def _score_hands(
 
     With `by_person`, `work` receives all motions of a person at once, and hands are synthesised only without data.
     """
-    from bodysense_lab.two_hands.scores import measure
+    from bodysense_lab.papers.two_hands.score.scores import measure
 
     check_outputs(table)
     chosen = None if data is None else open_data(data, table)

@@ -13,8 +13,8 @@ from bodysense.errors import BodysenseError
 from bodysense.io.reading_options import AS_FOUND
 from bodysense.ranges import Processes
 from bodysense_lab.commands.reporting import finish, open_data, progress_bar, with_progress_bar
-from bodysense_lab.hmd_vae.options import VaeTraining, check_list
-from bodysense_lab.options import Data, Flat, Output, Table, TableOptions, check_ending
+from bodysense_lab.core.options import Data, Flat, Output, Table, TableOptions, check_ending
+from bodysense_lab.papers.hmd_vae.options import VaeTraining, check_list
 
 
 def hmd_vae(run: Flat[VaeTraining]) -> None:
@@ -23,7 +23,7 @@ def hmd_vae(run: Flat[VaeTraining]) -> None:
     5 % of the sequences of each data set in the train split are held out. The command writes NAME.onnx with the weights
     next to it as NAME.pt, or NAME.pt alone; a sweep writes a folder.
     """
-    from bodysense_lab.hmd_vae.train import run_sweep, run_vae, sweep_configs
+    from bodysense_lab.papers.hmd_vae.train import run_sweep, run_vae, sweep_configs
 
     if run.sweep:
         run_sweep(run, sweep_configs(run.config, run.grid or "few"))
@@ -47,7 +47,7 @@ def hmd_vae_figure4(
     """
     from bodysense.cli.recordings import load_clip
     from bodysense.files import check_place
-    from bodysense_lab.hmd_vae.figure import draw_reconstructions, mean_errors, reconstructed
+    from bodysense_lab.papers.hmd_vae.figure import draw_reconstructions, mean_errors, reconstructed
 
     check_place(out)
     check_ending(out, ".png", what="a picture")
@@ -75,9 +75,9 @@ def hmd_vae_figures(
         split_file: list of the training; its motions 'PATH test' are scored instead of a split by person.
         threads: PyTorch threads; its own choice if omitted.
     """
-    from bodysense_lab.hmd_vae.frames import read_split_file
-    from bodysense_lab.hmd_vae.scores import read_test, score_vae, vaes_in
-    from bodysense_lab.hmd_vae.tables import metrics_report, vae_report
+    from bodysense_lab.papers.hmd_vae.frames import read_split_file
+    from bodysense_lab.papers.hmd_vae.scores import read_test, score_vae, vaes_in
+    from bodysense_lab.papers.hmd_vae.tables import metrics_report, vae_report
 
     check_list(split_file)
     if split_file is not None and (table.split != "test" or table.quick):

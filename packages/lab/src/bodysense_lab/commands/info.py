@@ -55,8 +55,8 @@ def info(
         print_info(place, split, total, every, picture, json)
         return
     from bodysense_lab.commands.reporting import print_report
-    from bodysense_lab.datasets import gather_results
-    from bodysense_lab.unoc.occlusion import columns_of, count_clip, occlusion_table
+    from bodysense_lab.data.datasets import gather_results
+    from bodysense_lab.papers.unoc.score.occlusion import columns_of, count_clip, occlusion_table
 
     found = list[FoundFile]()
     clips = readable_clips(track(every, "looking", total), found)
@@ -71,9 +71,9 @@ def _clips_of(
 ) -> tuple[int, Iterable[FoundFile]]:
     """Return the number of clips of a file, folder or store, and an iterable of them."""
     from bodysense.io.datasets.reasons import lines_by_kind
-    from bodysense_lab.bodies import body_lines
-    from bodysense_lab.clips import count_clips, open_clips
-    from bodysense_lab.store import is_store, read_store
+    from bodysense_lab.data.bodies import body_lines
+    from bodysense_lab.data.clips import count_clips, open_clips
+    from bodysense_lab.data.store import is_store, read_store
 
     if not is_store(place):
         return files_in(place, split, layout, reading)

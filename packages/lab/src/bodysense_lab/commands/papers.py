@@ -17,11 +17,11 @@ from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.ranges import Seed
-from bodysense_lab.options import Output, check_ending
-from bodysense_lab.paper_options import Method, PaperOptions, Variant
+from bodysense_lab.core.options import Output, check_ending
+from bodysense_lab.papers.paper_options import Method, PaperOptions, Variant
 
 if TYPE_CHECKING:
-    from bodysense.open import Opened
+    from bodysense.sources.open import Opened
 
 
 def commands() -> SubcommandApp:
@@ -65,7 +65,7 @@ def track(
 
     from bodysense.io.motion_files import check_ending as check_motion
     from bodysense.io.motion_files import write_motion
-    from bodysense_lab.paper_systems import SYSTEMS
+    from bodysense_lab.papers.paper_systems import SYSTEMS
 
     check_motion(out)
     if calibration is not None and method != "two_hands":
@@ -96,7 +96,7 @@ def calibrate_hands(
         networks: folder that `bodysense train gloves` wrote; the packaged networks if omitted.
         reading: properties that the file does not contain.
     """
-    from bodysense_lab.two_hands.system import calibrate
+    from bodysense_lab.papers.two_hands.system import calibrate
 
     check_place(out)
     check_ending(out, ".npz", what="a calibration")
@@ -107,7 +107,7 @@ def calibrate_hands(
 
 def _opened(source: Path, gloves: MarkerOptions, reading: ReadingOptions) -> tuple[Opened, float | None]:
     """Return the opened source, and the wearer's given height if the source does not contain a body."""
-    from bodysense.open import RecordingSource, VideoSource
+    from bodysense.sources.open import RecordingSource, VideoSource
 
     opened = open_recorded(source, reading, gloves)
     return opened, reading.height if isinstance(opened, (RecordingSource, VideoSource)) else None

@@ -13,7 +13,7 @@ from bodysense.files import check_place
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.reading_options import AS_FOUND
 from bodysense.ranges import Hours, Processes, Seed
-from bodysense_lab.options import Output, check_ending
+from bodysense_lab.core.options import Output, check_ending
 
 Folder = Annotated[Path, tyro.conf.Positional]
 
@@ -41,12 +41,12 @@ def prepare(
             are read, with the published split.
         reading: properties that the files do not contain.
     """
-    from bodysense_lab.preparation import prepare as prepare_store
+    from bodysense_lab.data.preparation import prepare as prepare_store
 
     check_rate("--rate", rate)
     sources = None
     if split_lists is not None:
-        from bodysense_lab.amass_p1 import listed_sources
+        from bodysense_lab.completion.score.amass_p1 import listed_sources
 
         if layout is not None:
             raise BodysenseError(f"--layout {layout}: --split-lists is for AMASS; leave one of the two out")
@@ -72,7 +72,7 @@ def fingers(out: Output, hours: Hours = 10.0, seed: Seed = 1) -> None:
         hours: length in hours; the first hour is independent of the length.
         seed: random seed.
     """
-    from bodysense_lab.completion.generated_fingers import generate_fingers, write_fingers
+    from bodysense_lab.completion.data.generated_fingers import generate_fingers, write_fingers
 
     check_ending(out, ".npz", what="generated motion")
     check_place(out)

@@ -9,7 +9,7 @@ import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
-from bodysense_lab.options import Flat, Json, Output, TableOptions
+from bodysense_lab.core.options import Flat, Json, Output, TableOptions
 from bodysense_lab.rendering.options import Rendering
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tup
     from rich.progress import track
 
     from bodysense.cli.recordings import load_clip
-    from bodysense_lab.clips import count_clips, open_clips
+    from bodysense_lab.data.clips import count_clips, open_clips
     from bodysense_lab.rendering.take import plan_takes
 
     if motion.is_file():

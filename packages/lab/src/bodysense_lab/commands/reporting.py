@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from bodysense.files import check_place, make_folder
-from bodysense_lab.options import TableOptions
+from bodysense_lab.core.options import TableOptions
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from bodysense_lab.datasets import DataSet
-    from bodysense_lab.table import Cell, Report
-    from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
+    from bodysense_lab.core.table import Cell, Report
+    from bodysense_lab.data.datasets import DataSet
+    from bodysense_lab.papers.unoc.ik_tracker import IkTrackerSettings
 
 Piece = TypeVar("Piece")
 
@@ -41,7 +41,7 @@ def open_data(data: str, table: TableOptions) -> DataSet:
 
 def open_sets(data: Sequence[str], table: TableOptions) -> list[DataSet]:
     """Return the data sets of a table; refuse outputs that cannot be written."""
-    from bodysense_lab.datasets import open_data_set
+    from bodysense_lab.data.datasets import open_data_set
 
     check_outputs(table)
     return [open_data_set(one, table.split, table.quick) for one in data]
@@ -86,9 +86,9 @@ def finish(report: Report, table: TableOptions, data: DataSet | None = None) -> 
     from rich.console import Console
 
     from bodysense.cli.show import write_numbers
-    from bodysense_lab.chart import draw_panels
-    from bodysense_lab.clips import count_clips
-    from bodysense_lab.table import write_csv
+    from bodysense_lab.core.chart import draw_panels
+    from bodysense_lab.core.table import write_csv
+    from bodysense_lab.data.clips import count_clips
 
     console = Console()
     if not console.is_terminal and "COLUMNS" not in os.environ:
@@ -118,7 +118,7 @@ def show(report: Report, json: Path | None) -> None:
 
 def tracker_settings(half_life: float | None) -> IkTrackerSettings:
     """Return the settings of UNOC's tracker with a half-life in s; None: its default."""
-    from bodysense_lab.unoc.ik_tracker import IkTrackerSettings
+    from bodysense_lab.papers.unoc.ik_tracker import IkTrackerSettings
 
     return IkTrackerSettings() if half_life is None else IkTrackerSettings(half_life=half_life)
 

@@ -15,7 +15,7 @@ from bodysense.files import check_place, make_folder
 from bodysense.io.reading_options import AS_FOUND
 from bodysense.ranges import Count, Processes, Seed
 from bodysense_lab.commands.reporting import check_places, tracker_settings
-from bodysense_lab.options import Json, Output
+from bodysense_lab.core.options import Json, Output
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -203,7 +203,7 @@ def draw_preferences(path: Path, result: StudyResult) -> None:
     """Draw the bars of Fig. 6: every scene, then all."""
     import numpy as np
 
-    from bodysense_lab.chart import Bars, draw_bars
+    from bodysense_lab.core.chart import Bars, draw_bars
     from bodysense_lab.study.study import COMPARISONS
 
     names = (*result.scenes, None)

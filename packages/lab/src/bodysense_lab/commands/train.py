@@ -12,8 +12,8 @@ from tyro.extras import SubcommandApp
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.commands import arms, completion, gloves, hmd_vae
-from bodysense_lab.options import Flat, as_trial
-from bodysense_lab.unoc.options import BodyTraining, FingersTraining, TablesTraining, UpperBodyTraining
+from bodysense_lab.core.options import Flat, as_trial
+from bodysense_lab.papers.unoc.options import BodyTraining, FingersTraining, TablesTraining, UpperBodyTraining
 
 
 def commands() -> SubcommandApp:
@@ -43,7 +43,7 @@ def checked(train: Callable[[Any], None]) -> Callable[[Any], None]:
 
 def body_gru(run: Flat[BodyTraining]) -> None:
     """Train the body network (UNOC) and write it as one .onnx file; training resumes after a stop."""
-    from bodysense_lab.unoc.train import train_body
+    from bodysense_lab.papers.unoc.train import train_body
 
     train_body(run)
 
@@ -53,14 +53,14 @@ def unoc_tables(run: Flat[TablesTraining]) -> None:
 
     Training resumes after a stop. On several machines, start it on each with `torchrun` and give --nodes.
     """
-    from bodysense_lab.unoc.train_tables import train_tables
+    from bodysense_lab.papers.unoc.train_tables import train_tables
 
     train_tables(run)
 
 
 def fingers(run: Flat[FingersTraining]) -> None:
     """Train finger synthesis (UNOC, section 5.3) and write it as one .onnx file; training resumes after a stop."""
-    from bodysense_lab.unoc.train import train_points
+    from bodysense_lab.papers.unoc.train import train_points
 
     train_points(run)
 
@@ -70,7 +70,7 @@ def upper_body(run: Flat[UpperBodyTraining]) -> None:
 
     Training resumes after a stop.
     """
-    from bodysense_lab.unoc.train import train_points
+    from bodysense_lab.papers.unoc.train import train_points
 
     train_points(run)
 
@@ -85,7 +85,7 @@ def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:
     """
     import json
 
-    from bodysense_lab.model_card import describe
+    from bodysense_lab.core.model_card import describe
 
     if not network.is_file():
         raise BodysenseError(f"{network}: no such model file; give the .onnx that `bodysense train` wrote")

@@ -20,14 +20,14 @@ from bodysense_lab.commands.reporting import (
     show,
     tracker_settings,
 )
-from bodysense_lab.options import Data, Json, Split, Stride, Table, TableOptions
+from bodysense_lab.core.options import Data, Json, Split, Stride, Table, TableOptions
 
 if TYPE_CHECKING:
     from bodysense.io.clip import Clip
-    from bodysense_lab.datasets import Census, DataSet
-    from bodysense_lab.score_table import ScoreTable
-    from bodysense_lab.table import Report
-    from bodysense_lab.unoc.variant_scores import Shipped
+    from bodysense_lab.core.score_table import ScoreTable
+    from bodysense_lab.core.table import Report
+    from bodysense_lab.data.datasets import Census, DataSet
+    from bodysense_lab.papers.unoc.score.variant_scores import Shipped
 
 Sets = Annotated[tuple[str, ...], tyro.conf.arg(help="folders of motion or prepared stores; NAME=FOLDER names one")]
 Predictor = Annotated[
@@ -42,8 +42,8 @@ Networks = Annotated[Path, tyro.conf.arg(help="folder that `bodysense train unoc
 
 def unoc_table1(data: Sets, table: Table = TableOptions(split="all")) -> None:
     """UNOC, Table 1: share and duration of occlusion, and share of self-contact, by data set or category."""
-    from bodysense_lab.datasets import gather_results
-    from bodysense_lab.unoc.occlusion import count_clip, occlusion_report
+    from bodysense_lab.data.datasets import gather_results
+    from bodysense_lab.papers.unoc.score.occlusion import count_clip, occlusion_report
 
     sets = open_sets(data, table)
     with progress_bar("scored", sum(one.count() for one in sets)) as advance:
@@ -64,22 +64,22 @@ def unoc_table2(
         networks: folder that `bodysense train unoc-tables` wrote; only the predictor and the baselines are scored if
             omitted. Scores are saved in it, or in --out.
     """
-    from bodysense_lab.unoc.tables import TABLE_2
-    from bodysense_lab.unoc.variant_scores import Shipped
+    from bodysense_lab.papers.unoc.score.tables import TABLE_2
+    from bodysense_lab.papers.unoc.score.variant_scores import Shipped
 
     _network_table(TABLE_2, data, networks, stride, table, Shipped(model))
 
 
 def unoc_table3(data: Data, networks: Networks, stride: Stride = 1, table: Table = TableOptions()) -> None:
     """UNOC, Table 3: other forms of the network."""
-    from bodysense_lab.unoc.tables import TABLE_3
+    from bodysense_lab.papers.unoc.score.tables import TABLE_3
 
     _network_table(TABLE_3, data, networks, stride, table, None)
 
 
 def unoc_table4(data: Data, networks: Networks, stride: Stride = 1, table: Table = TableOptions()) -> None:
     """UNOC, Table 4: without prediction of occlusion, and without losses on bones."""
-    from bodysense_lab.unoc.tables import TABLE_4
+    from bodysense_lab.papers.unoc.score.tables import TABLE_4
 
     _network_table(TABLE_4, data, networks, stride, table, None)
 
@@ -100,8 +100,8 @@ def unoc_table5(
         finger_networks: NAME=FILE for each training set, written by `bodysense train fingers --form paper`.
     """
     from bodysense.papers.point_model import load_point_model
-    from bodysense_lab.unoc.cross_table import cross_report, synthesis_errors
-    from bodysense_lab.unoc.variant_scores import networks_in, score_pairs
+    from bodysense_lab.papers.unoc.score.cross_table import cross_report, synthesis_errors
+    from bodysense_lab.papers.unoc.score.variant_scores import networks_in, score_pairs
 
     sets = open_sets(data, table)
     folders = _named(networks, "--networks")
@@ -122,9 +122,9 @@ def unoc_table6(data: Data, model: Path | None = None, table: Table = TableOptio
     Args:
         model: network written by `bodysense train upper-body`; the packaged one if omitted.
     """
-    from bodysense_lab.unoc.learned_upper_body import LearnedUpperBody, load_upper_body
-    from bodysense_lab.unoc.upper_body_ik import UpperBodyIk
-    from bodysense_lab.unoc.upper_body_table import MakeEstimator, upper_body_errors, upper_body_report
+    from bodysense_lab.papers.unoc.learned_upper_body import LearnedUpperBody, load_upper_body
+    from bodysense_lab.papers.unoc.score.upper_body_table import MakeEstimator, upper_body_errors, upper_body_report
+    from bodysense_lab.papers.unoc.upper_body_ik import UpperBodyIk
 
     network = load_upper_body(model)
     methods: dict[str, MakeEstimator] = {
@@ -142,8 +142,8 @@ def unoc_smoothness(
     table: Table = TableOptions(),
 ) -> None:
     """UNOC, section 4.2: share of strong accelerations, before and after inverse kinematics and smoothing."""
-    from bodysense_lab.unoc.smoothness import NETWORKS, smoothness_of_clip, smoothness_report
-    from bodysense_lab.unoc.variant_scores import networks_in
+    from bodysense_lab.papers.unoc.score.smoothness import NETWORKS, smoothness_of_clip, smoothness_report
+    from bodysense_lab.papers.unoc.score.variant_scores import networks_in
 
     files, settings = networks_in(networks, NETWORKS), tracker_settings(half_life)
     work = partial(smoothness_of_clip, networks=files, model=model, settings=settings)
@@ -152,14 +152,14 @@ def unoc_smoothness(
 
 def reliability(data: Data, model: Predictor = None, table: Table = TableOptions()) -> None:
     """Compare expected with true errors of hidden joints, in ten bins of equal count."""
-    from bodysense_lab.unoc.reliability import pairs_of_clip, reliability_report
+    from bodysense_lab.papers.unoc.score.reliability import pairs_of_clip, reliability_report
 
     _score(data, table, partial(pairs_of_clip, model=model), reliability_report)
 
 
 def transitions(data: Data, model: Predictor = None, half_life: HalfLife = None, table: Table = TableOptions()) -> None:
     """Measure jerk in the second in which a joint is lost or seen again, before and after smoothing."""
-    from bodysense_lab.unoc.transitions import transitions_of_clip, transitions_report
+    from bodysense_lab.papers.unoc.score.transitions import transitions_of_clip, transitions_report
 
     work = partial(transitions_of_clip, model=model, settings=tracker_settings(half_life))
     _score(data, table, work, transitions_report)
@@ -175,9 +175,9 @@ def finger_synthesis(data: Data, split: Split = "test", model: Path | None = Non
         model: network written by `bodysense train fingers`; the packaged one if omitted.
     """
     from bodysense.papers.point_model import load_point_model
-    from bodysense_lab.datasets import gather_results, open_data_set
-    from bodysense_lab.scoring import group_of
-    from bodysense_lab.unoc.finger_scores import examples_of, finger_errors, finger_report
+    from bodysense_lab.core.scoring import group_of
+    from bodysense_lab.data.datasets import gather_results, open_data_set
+    from bodysense_lab.papers.unoc.score.finger_scores import examples_of, finger_errors, finger_report
 
     check_places(json)
     scored, known, network = (
@@ -199,7 +199,7 @@ def _score(
     report: Callable[[dict[Any, Any], Census, DataSet], Report],
 ) -> None:
     """Gather the results of all clips of a data set, and report them."""
-    from bodysense_lab.datasets import gather_results
+    from bodysense_lab.data.datasets import gather_results
 
     chosen = open_data(data, table)
     with progress_bar("scored", chosen.count()) as advance:
@@ -209,7 +209,7 @@ def _score(
 
 def _named(pairs: tuple[str, ...], option: str) -> dict[str, Path]:
     """Parse NAME=PATH options; returns paths by name."""
-    from bodysense_lab.datasets import catalogue_name
+    from bodysense_lab.data.datasets import catalogue_name
 
     result = {}
     for pair in pairs:
@@ -224,8 +224,8 @@ def _network_table(
     rows: ScoreTable, data: str, networks: Path | None, stride: int, table: TableOptions, shipped: Shipped | None
 ) -> None:
     """Score the methods that have no saved scores, and report."""
-    from bodysense_lab.unoc.tables import OWN_NAMES, network_report
-    from bodysense_lab.unoc.variant_scores import Work, networks_in, score
+    from bodysense_lab.papers.unoc.score.tables import OWN_NAMES, network_report
+    from bodysense_lab.papers.unoc.score.variant_scores import Work, networks_in, score
 
     chosen = open_data(data, table)
     files = {} if networks is None else networks_in(networks, [n for n in rows.methods if n not in OWN_NAMES])

@@ -11,20 +11,21 @@ from lightning_fabric import Fabric
 from torch import Tensor
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.checkpoint import best_weights
-from bodysense_lab.completion.corpus import Corpus, read_corpus
-from bodysense_lab.completion.finger_errors import finger_validation
-from bodysense_lab.completion.fingers import FingerConfig, FingerNetwork
-from bodysense_lab.completion.network import CompletionNetwork
-from bodysense_lab.completion.options import FINGER_SCHEDULE, CompletionTraining, FingerTraining
-from bodysense_lab.completion.task import (
+from bodysense_lab.completion.data.corpus import Corpus, read_corpus
+from bodysense_lab.completion.networks.fingers import FingerConfig, FingerNetwork
+from bodysense_lab.completion.networks.network import CompletionNetwork
+from bodysense_lab.completion.score.finger_errors import finger_validation
+from bodysense_lab.completion.training.losses import Losses
+from bodysense_lab.completion.training.options import FINGER_SCHEDULE, CompletionTraining, FingerTraining
+from bodysense_lab.completion.training.task import (
     CompletionTask,
     CompletionTaskConfig,
     FingerTask,
     FingerTaskConfig,
     validation_batches,
 )
-from bodysense_lab.fit import fit, set_seed_and_threads
+from bodysense_lab.core.checkpoint import best_weights
+from bodysense_lab.core.fit import fit, set_seed_and_threads
 
 _VALIDATION_STRIDE = 3  # every n-th validation clip is scored at a checkpoint
 
@@ -40,12 +41,21 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
     if options.finger_steps and not len(train.with_fingers):
         raise BodysenseError(f"{options.data}: no training clip has fingers that move; give --finger-steps 0")
     fabric.print(f"{train.minutes:.0f} minutes of motion to train on, {val.minutes:.0f} to validate")
-    config = CompletionTaskConfig(backward=options.backward)
+    config = CompletionTaskConfig(
+        backward=options.backward, streams=options.streams, losses=Losses(stay=options.stay_close)
+    )
     network = CompletionNetwork(config.network)
     initial = network.state_dict() if options.begin_with is None else _weights(options.begin_with, network)
+    initial = {name: value.clone() for name, value in initial.items()}
     network.load_state_dict(initial)
+    teacher = None
+    if options.stay_close:
+        teacher = CompletionNetwork(config.network).eval().requires_grad_(False)
+        teacher.load_state_dict(initial)
+        fabric.to_device(teacher)
     validation = validation_batches(val, _VALIDATION_STRIDE, options.backward)
-    task = CompletionTask(network, config, options.schedule, train, validation, options.trial_settings or None)
+    source = options.trial_settings or None
+    task = CompletionTask(network, config, options.schedule, train, validation, source, teacher=teacher)
     fit(task, options.folder / "completion.ckpt", fabric=fabric)
     network = network.cpu()
     if options.keep:
@@ -65,7 +75,7 @@ def completion_finger_network(run: CompletionTraining, fabric: Fabric) -> Finger
         shared = {name: getattr(run, name) for name in ("data", "limit", "threads", "devices", "nodes")}
         return train_fingers(FingerTraining(out=run.folder / "fingers.ckpt", schedule=schedule, **shared), fabric)
     if run.begin_with is not None and run.begin_with.suffix == ".safetensors" and not run.backward:
-        from bodysense_lab.completion.weights_file import read_weights
+        from bodysense_lab.completion.networks.weights_file import read_weights
 
         return read_weights(run.begin_with)[1]
     return FingerNetwork(FingerConfig()).relaxed_only()
@@ -100,7 +110,7 @@ def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
 
     Raises BodysenseError if the published network has another size.
     """
-    from bodysense_lab.completion.weights_file import read_weights
+    from bodysense_lab.completion.networks.weights_file import read_weights
 
     if path.suffix != ".safetensors":
         return best_weights(path, network)
@@ -112,7 +122,7 @@ def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
 
 def _generated_fingers(options: FingerTraining) -> np.ndarray:
     """Return generated fingers, which are stored in the folder of the run."""
-    from bodysense_lab.completion.generated_fingers import generate_fingers, read_fingers, write_fingers
+    from bodysense_lab.completion.data.generated_fingers import generate_fingers, read_fingers, write_fingers
 
     hours, seed = options.generated_hours, options.schedule.seed
     kept = options.folder / f"fingers-{hours:g}h-{seed}.npz"

@@ -10,15 +10,15 @@ from typing import Literal, get_args
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import (
     quaternion_exp,
     quaternion_log,
     quaternion_multiply,
     quaternion_to_matrix,
 )
-from bodysense.body.rotation import swing_twist as split
-from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import swing_twist as split
 
 FigureName = Literal["woman", "man", "heavy"]
 FIGURES: tuple[FigureName, ...] = get_args(FigureName)

@@ -1,4 +1,4 @@
-"""Errors of a detector of key-points, measured as the parameters of `bodysense_lab/pahmt/keypoint_noise.py`."""
+"""Errors of a detector of key-points, measured as the parameters of `bodysense_lab/papers/pahmt/keypoint_noise.py`."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from bodysense.body.arms import ARM_POINTS, SIDES
 from bodysense.body.keypoints import ArmKeypoints, Camera
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import normalize, quaternion_conjugate, quaternion_log, quaternion_multiply
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
-from bodysense_lab.pahmt.keypoint_noise import flattened
+from bodysense.geometry.rotation import normalize, quaternion_conjugate, quaternion_log, quaternion_multiply
+from bodysense_lab.papers.pahmt.keypoint_noise import flattened
 
 ARM_BONES = ("upper_arm", "forearm")
 MEASURES = {

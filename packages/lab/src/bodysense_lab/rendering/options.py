@@ -10,7 +10,7 @@ from tyro.conf import Positional
 from bodysense.errors import BodysenseError
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.ranges import Count, Seed
-from bodysense_lab.options import Flat, Output, Split
+from bodysense_lab.core.options import Flat, Output, Split
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,8 +11,8 @@ import numpy as np
 
 from bodysense.body.keypoints import Camera
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import quaternion_exp, quaternion_rotate
 from bodysense.errors import BodysenseError, how_to_install
+from bodysense.geometry.rotation import quaternion_exp, quaternion_rotate
 from bodysense_lab.rendering.character import Character, load_figure
 from bodysense_lab.rendering.scene import Scene
 

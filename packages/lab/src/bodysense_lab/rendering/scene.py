@@ -8,12 +8,12 @@ import numpy as np
 
 from bodysense.body.keypoints import Camera
 from bodysense.body.pose import Pose
-from bodysense.body.rotation import (
+from bodysense.geometry.rotation import (
     matrix_to_quaternion,
     quaternion_to_matrix,
     slerp,
 )
-from bodysense_lab.pahmt.camera_view import VIEW_POINTS, CameraRange, sample_cameras, view_points
+from bodysense_lab.papers.pahmt.camera_view import VIEW_POINTS, CameraRange, sample_cameras, view_points
 from bodysense_lab.rendering.character import FIGURES, FigureName
 
 Color = tuple[float, float, float]  # red, green, blue, sRGB, 0 to 1

@@ -14,19 +14,22 @@ from bodysense.body.keypoints import Camera, arms_from_torso
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.completion.model import CompletionModel
 from bodysense.devices.video.arms import ArmModel, Arms
 from bodysense.devices.video.device import VideoDevice
 from bodysense.devices.video.landmarker_files import LandmarkerFiles
 from bodysense.devices.video.landmarks import LandmarkerSettings
 from bodysense.devices.video.person import PersonLandmarks, arm_keypoints, joined_landmarks
 from bodysense.errors import BodysenseError
-from bodysense.tracker import Tracker, TrackerSettings
-from bodysense_lab.chart import BarPanel, plain_bars
-from bodysense_lab.intervals import NamedFigure
-from bodysense_lab.pahmt.errors import arm_errors
-from bodysense_lab.pahmt.system import watched
-from bodysense_lab.pahmt.tables import solved_from_positions
+from bodysense.tracking.model import CompletionModel
+from bodysense.tracking.tracker import Tracker, TrackerSettings
+from bodysense_lab.core.chart import BarPanel, plain_bars
+from bodysense_lab.core.intervals import NamedFigure
+from bodysense_lab.core.scoring import GROUPS, group_named, suffix_of
+from bodysense_lab.core.table import Cell, Report, cell, finite, ordering
+from bodysense_lab.core.tallies import Tallies
+from bodysense_lab.papers.pahmt.errors import arm_errors
+from bodysense_lab.papers.pahmt.system import watched
+from bodysense_lab.papers.pahmt.tables import solved_from_positions
 from bodysense_lab.rendering.keypoint_errors import MEASURES as BONES
 from bodysense_lab.rendering.keypoint_errors import (
     ArmBones,
@@ -39,9 +42,6 @@ from bodysense_lab.rendering.keypoint_errors import (
 )
 from bodysense_lab.rendering.landmark_ik import LandmarkIk
 from bodysense_lab.rendering.take import GESTURES, RenderedTake, read_take
-from bodysense_lab.scoring import GROUPS, group_named, suffix_of
-from bodysense_lab.table import Cell, Report, cell, finite, ordering
-from bodysense_lab.tallies import Tallies
 
 METHODS = {  # labels in the table
     "network": "video: network",

@@ -15,13 +15,13 @@ import numpy as np
 
 from bodysense.body.keypoints import ArmKeypoints, Camera
 from bodysense.body.pose import Pose, standing_pose
-from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_rotate, shortest_arc, slerp
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError, how_to_install
 from bodysense.files import written_beside
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_exp, quaternion_rotate, shortest_arc, slerp
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.pahmt.camera_view import VIEW_POINTS, CameraRange, view, view_points
+from bodysense_lab.papers.pahmt.camera_view import VIEW_POINTS, CameraRange, view, view_points
 from bodysense_lab.rendering.character import FIGURES, load_figure
 from bodysense_lab.rendering.renderer import open_renderer
 from bodysense_lab.rendering.scene import (

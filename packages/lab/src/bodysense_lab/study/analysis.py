@@ -18,8 +18,8 @@ import numpy as np
 from scipy import stats
 
 from bodysense.errors import BodysenseError
+from bodysense_lab.core.table import write_rows
 from bodysense_lab.study.study import COMPARISONS, CONDITIONS, Answers, Choice, Condition, StudyKey, pairs_for
-from bodysense_lab.table import write_rows
 
 
 @dataclass(frozen=True)

@@ -20,15 +20,15 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.last_known import Hold
-from bodysense.metrics import joint_error
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.camera import FollowingCamera, Lens, follow_body
-from bodysense_lab.parallel import parallel_map
-from bodysense_lab.scoring import RATE, scored_points
+from bodysense.quality.metrics import joint_error
+from bodysense.takes.last_known import Hold
+from bodysense_lab.core.parallel import parallel_map
+from bodysense_lab.core.scoring import RATE, scored_points
+from bodysense_lab.papers.unoc.ik_tracker import Estimator, IkTracker, IkTrackerSettings
+from bodysense_lab.papers.unoc.learned import Learned, load_model
 from bodysense_lab.study.study import CONDITIONS, Condition, StudyKey, draw_key, write_key
-from bodysense_lab.unoc.ik_tracker import Estimator, IkTracker, IkTrackerSettings
-from bodysense_lab.unoc.learned import Learned, load_model
 
 FILES = ("index.html", "style.css", "study.js")
 

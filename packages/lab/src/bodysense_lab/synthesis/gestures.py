@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.hand import FINGERS, FREEDOMS, limits
+from bodysense.body.hands.hand import FINGERS, FREEDOMS, limits
 
 Four = tuple[float, float, float, float]  # of index, middle, ring and little finger
 Place = Literal["tip", "back", "side"]  # of a finger: its tip, the back or the thumb's side of its middle segment

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bodysense.body.glove import default_glove, glove_points, marker_positions, side_of
-from bodysense.body.hand import hand_skeleton, mirrored_vectors
+from bodysense.body.hands.glove import default_glove, glove_points, marker_positions, side_of
+from bodysense.body.hands.hand import hand_skeleton, mirrored_vectors
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.observation import EXACT_ACCURACY, Observation, accuracy_like
+from bodysense.observing.observation import EXACT_ACCURACY, Observation, accuracy_like
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import RATE
 

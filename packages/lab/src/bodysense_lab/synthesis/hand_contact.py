@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.hand import FINGERS, FREEDOMS, HAND_JOINTS, joint_bases, limits, rotations_of
-from bodysense.body.hand_capsules import (
+from bodysense.body.hands.hand import FINGERS, FREEDOMS, HAND_JOINTS, joint_bases, limits, rotations_of
+from bodysense.body.hands.hand_capsules import (
     GIVE,
     PALM,
     HandCapsules,
@@ -18,12 +18,12 @@ from bodysense.body.hand_capsules import (
     own_pairs,
 )
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.rotation import (
     normalize,
     quaternion_canonical,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import Skeleton
 from bodysense_lab.synthesis.gestures import KeyPoses
 
 PRESS_DEPTH = GIVE / 2  # share of the radii by which touching capsules overlap

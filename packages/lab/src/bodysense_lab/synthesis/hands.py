@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.hand import FINGERS, FREEDOMS, limits
-from bodysense.body.rotation import (
+from bodysense.body.hands.hand import FINGERS, FREEDOMS, limits
+from bodysense.body.skeleton import Skeleton
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import (
     geodesic_angle,
     quaternion_exp,
     quaternion_multiply,
 )
-from bodysense.body.skeleton import Skeleton
-from bodysense.errors import BodysenseError
 from bodysense_lab.synthesis.gestures import KeyPoses, draw_key_poses
 from bodysense_lab.synthesis.hand_contact import pose_hand, solve_contacts
 from bodysense_lab.synthesis.motion import RATE, HandMotion

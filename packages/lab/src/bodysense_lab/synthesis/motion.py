@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from bodysense.body.hand import Side, hand_pose
+from bodysense.body.hands.hand import Side, hand_pose
 from bodysense.body.pose import Pose
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample

@@ -10,17 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bodysense.body.hand import FREEDOMS, Side, limits, mirrored_rotations, mirrored_vectors
-from bodysense.body.hand_capsules import mutual_depth
+from bodysense.body.hands.hand import FREEDOMS, Side, limits, mirrored_rotations, mirrored_vectors
+from bodysense.body.hands.hand_capsules import mutual_depth
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.rotation import (
+from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.rotation import (
     geodesic_angle,
     matrix_to_quaternion,
     quaternion_exp,
     quaternion_multiply,
     quaternion_rotate,
 )
-from bodysense.body.skeleton import Skeleton
 from bodysense_lab.synthesis.gestures import NAMES, key_poses
 from bodysense_lab.synthesis.hand_contact import pose_hand, solve_contacts
 from bodysense_lab.synthesis.hands import DIGIT, FASTEST_FINGER, FASTEST_TURN, FASTEST_WRIST, frame_times

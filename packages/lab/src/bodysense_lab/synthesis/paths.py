@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.rotation import quaternion_conjugate, quaternion_exp, quaternion_log, quaternion_multiply
+from bodysense.geometry.rotation import quaternion_conjugate, quaternion_exp, quaternion_log, quaternion_multiply
 
 # s, duration of a movement; it is longer if the movement would be too fast
 _TYPICAL_DURATION, _SHORTEST_DURATION, _LONGEST_DURATION = 0.40, 0.12, 1.6

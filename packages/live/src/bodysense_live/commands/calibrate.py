@@ -37,9 +37,9 @@ def calibrate(
     from websockets.sync.client import connect
     from websockets.typing import Subprotocol
 
-    from bodysense.io.protocol import SUBPROTOCOL
-    from bodysense_live.message_text import write_message
-    from bodysense_live.messages import Calibrate, Hello, Recentre
+    from bodysense.io.formats.protocol import SUBPROTOCOL
+    from bodysense_live.server.message_text import write_message
+    from bodysense_live.server.messages import Calibrate, Hello, Recentre
 
     if not 0 <= wait <= 600:
         raise BodysenseError(f"--wait {wait:g}: give 0 to 600 seconds")

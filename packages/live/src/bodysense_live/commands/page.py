@@ -17,7 +17,7 @@ def page(out: Output, webcam: bool = False, landmarkers: Path | None = None) -> 
     """
     from bodysense.devices.video.landmarker_files import find_files
     from bodysense.errors import BodysenseError
-    from bodysense_live.page_files import WEBCAM, WHEN_USED, check_out, write_page
+    from bodysense_live.server.page_files import WEBCAM, WHEN_USED, check_out, write_page
 
     check_out(out)
     if landmarkers is not None and not webcam:

@@ -9,7 +9,8 @@ from typing import Annotated
 import tyro
 
 from bodysense.devices.simulated.device import DeviceName
-from bodysense.ranges import Port, Processes, Sessions
+from bodysense.ranges import Megabytes, Port, Processes, Sessions
+from bodysense_live.security.safety import RecordingLimits
 
 Addresses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 
@@ -118,3 +119,5 @@ class LoadOptions:
     """address of a Valkey or Redis, such as redis://10.0.0.2:6379, by which workers and servers resume sessions"""
     allow_record: Path | None = None
     """folder for recordings that clients request; recording is off if omitted"""
+    record_megabytes: Megabytes = RecordingLimits.folder_megabytes
+    """maximum size of the folder for recordings in MB; a recording ends when it is reached"""

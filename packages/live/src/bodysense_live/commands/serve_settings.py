@@ -9,16 +9,15 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Literal
 
-from bodysense.body.glove_set import GloveSet, read_set, standard_set
+from bodysense.body.hands.glove_set import GloveSet, read_set, standard_set
 from bodysense.body.person import Person
 from bodysense.cli.recordings import load_clip, person_of
 from bodysense.devices.simulated.device import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
+from bodysense.io.formats.recording import is_recording
 from bodysense.io.reading_options import ReadingOptions, given_options
-from bodysense.io.recording import is_recording
-from bodysense.open import RecordingSource, open_source
-from bodysense_live.certificate import check_pair, lan_address, own_certificate, state_folder
+from bodysense.sources.open import RecordingSource, open_source
 from bodysense_live.commands.serve_options import (
     AccessOptions,
     InputOptions,
@@ -26,20 +25,21 @@ from bodysense_live.commands.serve_options import (
     ProgramOptions,
     WearerOptions,
 )
-from bodysense_live.datagrams import Receiver
-from bodysense_live.messages import LONGEST_HALF_LIFE, Settings
-from bodysense_live.replay import Playable
-from bodysense_live.safety import ANY_ORIGIN, Access, Limits, is_loopback
-from bodysense_live.session_store import check_store
-from bodysense_live.settings import ServerSettings
-from bodysense_live.slimevr_link import SlimevrSettings, is_serial
-from bodysense_live.solarxr_link import SolarxrSettings, runtime_folder
-from bodysense_live.tracked_devices import TrackedDevices, read_device_names
-from bodysense_live.vmc import VmcTrackers
-from bodysense_live.vmt_link import VmtSettings
-from bodysense_live.vrchat import parts_of
-from bodysense_live.vrchat_link import VrchatSettings
-from bodysense_live.worn_trackers import read_trackers
+from bodysense_live.protocols.datagrams import Receiver
+from bodysense_live.protocols.slimevr_link import SlimevrSettings, is_serial
+from bodysense_live.protocols.solarxr.solarxr_link import SolarxrSettings, runtime_folder
+from bodysense_live.protocols.steamvr.vmt_link import VmtSettings
+from bodysense_live.protocols.vmc import VmcTrackers
+from bodysense_live.protocols.vrchat import parts_of
+from bodysense_live.protocols.vrchat_link import VrchatSettings
+from bodysense_live.security.certificate import check_pair, lan_address, own_certificate, state_folder
+from bodysense_live.security.safety import ANY_ORIGIN, Access, Limits, RecordingLimits, is_loopback
+from bodysense_live.server.messages import LONGEST_HALF_LIFE, Settings
+from bodysense_live.server.session_store import check_store
+from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions.replay import Playable
+from bodysense_live.sessions.tracked_devices import TrackedDevices, read_device_names
+from bodysense_live.sessions.worn_trackers import read_trackers
 
 
 def settings_of(
@@ -74,7 +74,7 @@ def settings_of(
     posture = "seated" if wearer.seated else "standing"
     return ServerSettings(
         access=access_of(access.host, access.token, origin, access.lan, access.certificate, access.key),
-        limits=replace(Limits(), sessions=load.sessions),
+        limits=Limits(sessions=load.sessions, recording=recording_limits(load)),
         allow_record=None if load.allow_record is None else writable_folder("--allow-record", load.allow_record),
         playable=playable_of(inputs.replay, inputs.device, reading, person),
         person=person,
@@ -98,6 +98,13 @@ def settings_of(
         solarxr=SolarxrSettings(runtime_folder(os.environ), to.solarxr_port) if to.solarxr else None,
         slimevr=SlimevrSettings(to.slimevr_host, to.slimevr_port, joints) if to.slimevr else None,
     )
+
+
+def recording_limits(load: LoadOptions) -> RecordingLimits:
+    """Return the limits of recordings. Raises BodysenseError for a limit without a folder."""
+    if load.allow_record is None and load.record_megabytes != LoadOptions.record_megabytes:
+        raise BodysenseError("--record-megabytes is for recordings; give a folder for them with --allow-record")
+    return RecordingLimits(folder_megabytes=load.record_megabytes)
 
 
 def check_chosen(programs: ProgramOptions) -> None:

@@ -1,4 +1,4 @@
-"""`bodysense bench`: speed on this machine, and tests of the live server under load; one module for each benchmark."""
+"""`bodysense bench`: speed on this machine; one module for each benchmark."""
 
 from __future__ import annotations
 
@@ -14,12 +14,8 @@ def commands() -> SubcommandApp:
         ik,
         import_time,
         live,
-        live_fuzz,
         live_outputs,
-        live_soak,
         occlusion,
-        packet_decoders,
-        packet_fuzz,
         step,
         take,
         training,
@@ -35,8 +31,5 @@ def commands() -> SubcommandApp:
     for command in (arms.arms, video.video):
         group.command(command)
     group.command(name="live")(live.bench_live)
-    for command in (live_outputs.live_outputs, live_fuzz.live_fuzz, packet_fuzz.packet_fuzz):
-        group.command(command)
-    group.command(packet_decoders.packet_decoders)
-    group.command(live_soak.live_soak)
+    group.command(live_outputs.live_outputs)
     return group

@@ -8,7 +8,7 @@ import numpy as np
 
 from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import percentiles, report
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def arms(frames: Count = 2000, model: Path | None = None, json: Json = None) -> None:
@@ -20,7 +20,7 @@ def arms(frames: Count = 2000, model: Path | None = None, json: Json = None) -> 
     """
     from bodysense.demo import packaged_performance
     from bodysense.devices.video.arms import Arms, ArmSettings, load_arms
-    from bodysense_lab.pahmt.system import seen_from_front
+    from bodysense_lab.papers.pahmt.system import seen_from_front
 
     clip, network = packaged_performance(), load_arms(model)
     keypoints = seen_from_front(clip)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense_lab.commands.bench.timing import report
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def bvh(megabytes: int = 60, json: Json = None) -> None:
@@ -21,7 +21,7 @@ def bvh(megabytes: int = 60, json: Json = None) -> None:
     from tempfile import TemporaryDirectory
 
     from bodysense.demo import packaged_performance
-    from bodysense.io.bvh import read_bvh, write_bvh
+    from bodysense.io.formats.bvh import read_bvh, write_bvh
 
     clip = packaged_performance()
     with TemporaryDirectory() as folder:

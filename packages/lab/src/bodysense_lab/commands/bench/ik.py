@@ -6,7 +6,7 @@ import numpy as np
 
 from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import percentiles, report
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def ik(frames: Count = 3000, noise: float = 0.0, json: Json = None) -> None:

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 
 from bodysense_lab.commands.bench.timing import report
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def import_time(runs: int = 9, json: Json = None) -> None:

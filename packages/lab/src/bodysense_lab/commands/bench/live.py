@@ -18,7 +18,7 @@ import psutil
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Processes, Sessions, within
-from bodysense_lab.options import Json, Rate, Seconds
+from bodysense_lab.core.options import Json, Rate, Seconds
 
 _POINTS = ("head", "left_wrist", "right_wrist")
 _MOTION_FRAMES = 240  # frames of motion that clients repeat
@@ -117,7 +117,7 @@ class Load:
         from bodysense.body.pose import forward_kinematics
         from bodysense.body.skeleton import default_skeleton
         from bodysense.demo import packaged_performance
-        from bodysense.io.protocol import SignalFrame, write_signal
+        from bodysense.io.formats.protocol import SignalFrame, write_signal
 
         self._address, self._rate = urlsplit(address), rate
         skeleton = default_skeleton()
@@ -143,8 +143,8 @@ class Load:
 
     def connect(self, count: int) -> None:
         """Open more connections and start their sessions."""
-        from bodysense_live.message_text import write_message
-        from bodysense_live.messages import Hello
+        from bodysense_live.server.message_text import write_message
+        from bodysense_live.server.messages import Hello
 
         hello = write_message(Hello(1, points=_POINTS)).encode()
         for _ in range(count):
@@ -213,7 +213,7 @@ class Load:
         self._selector.close()
 
     def _send(self, one: _LoadClient, now: float, points: int) -> None:
-        from bodysense.io.protocol import POINT, SIGNAL, SIGNAL_HEAD
+        from bodysense.io.formats.protocol import POINT, SIGNAL, SIGNAL_HEAD
 
         one.sequence += 1
         signal = self._signals[one.sequence % len(self._signals)][: points * POINT.itemsize]
@@ -229,7 +229,7 @@ class Load:
         one.sent_count += 1
 
     def _read(self, one: _LoadClient) -> None:
-        from bodysense.io.protocol import POSE, POSE_HEAD, read_pose
+        from bodysense.io.formats.protocol import POSE, POSE_HEAD, read_pose
 
         try:
             received = one.socket.recv(1 << 16)
@@ -259,7 +259,7 @@ class Load:
 def _handshake(host: str) -> bytes:
     import base64
 
-    from bodysense.io.protocol import SUBPROTOCOL
+    from bodysense.io.formats.protocol import SUBPROTOCOL
 
     key = base64.b64encode(secrets.token_bytes(16)).decode()
     lines = (

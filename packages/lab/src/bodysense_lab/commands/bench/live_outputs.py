@@ -16,7 +16,7 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.ranges import Count
-from bodysense_lab.options import Json, Rate
+from bodysense_lab.core.options import Json, Rate
 
 _WARM_UP = 100  # frames
 _TIMEOUT = 0.5  # s after which a body counts as missed
@@ -58,7 +58,7 @@ class _Peers:
 
     def __enter__(self) -> _Peers:
         from bodysense_lab.serving.server import running_server
-        from bodysense_live.vmt import DRIVER_PORT
+        from bodysense_live.protocols.steamvr.vmt import DRIVER_PORT
 
         self._stack = ExitStack()
         with ExitStack() as stack:
@@ -140,7 +140,7 @@ def _udp_socket(port: int) -> Iterator[socket.socket]:
 def _runtime_socket(folder: Path) -> Iterator[socket.socket]:
     """Connect a runtime that has requested updates."""
     from bodysense_lab.serving.solarxr_client import request
-    from bodysense_live.solarxr_link import RPC
+    from bodysense_live.protocols.solarxr.solarxr_link import RPC
 
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as found:
         found.settimeout(_START_TIMEOUT)
@@ -152,7 +152,7 @@ def _runtime_socket(folder: Path) -> Iterator[socket.socket]:
 
 def _device_packet(time: float) -> bytes:
     """Return headset and controllers of a swaying wearer, in one VMC packet."""
-    from bodysense.io.osc import bundled, message_bytes
+    from bodysense.io.formats.osc import bundled, message_bytes
 
     sway = 0.1 * float(np.sin(2 * np.pi * 0.3 * time))
     rows = (

@@ -8,7 +8,7 @@ import numpy as np
 
 from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import report
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def occlusion(frames: Count = 30_000, json: Json = None) -> None:

@@ -1,12 +1,11 @@
-"""`bodysense bench step`: the whole step, its matrix products only, and the step of earlier versions."""
+"""`bodysense bench step`: the whole step, and its matrix products only."""
 
 from __future__ import annotations
 
 import runpy
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -17,13 +16,13 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
 from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import frame_stepper, percentiles, report, resident_memory
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 if TYPE_CHECKING:
-    from bodysense.tracker import Tracker
+    from bodysense.tracking.tracker import Tracker
 
 _ROOT = Path(__file__).parents[6]  # of the repository
 _ROUNDS = 1000  # of the products
@@ -34,31 +33,27 @@ def bench_step(
     frames: Count = 3000,
     people: Count = 16,
     model: Path | None = None,
-    onnx: Path | None = None,
     json: Json = None,
 ) -> None:
     """Time the tracker's whole step frame by frame, for one wearer and for several in a batch.
 
     floor_ms is the time of one wearer's matrix products in C, for the body and its mirror image. reference_ms is the
-    time of these products in NumPy, float32. mflop is their number of multiplications and additions for a frame. With
-    --onnx, onnx_p50_ms and onnx_batch16_ms are of the step in an ONNX file of an earlier version.
+    time of these products in NumPy, float32. mflop is their number of multiplications and additions for a frame.
 
     Args:
         device: tracked sensor set.
         frames: number of frames for one wearer, after 100 to warm up; the batch has a quarter of them.
         people: wearers in the batch; its figure in ms for each wearer is batch16_ms for 16.
         model: completion network of your own; the packaged one if omitted.
-        onnx: completion.onnx of an earlier version (docs/completion.md says how to get it).
     """
-    from bodysense.completion.model import PACKAGED, load_completion
     from bodysense.demo import performance_of_unseen_body
     from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
-    from bodysense.tracker import Tracker
+    from bodysense.tracking.model import PACKAGED, load_completion
+    from bodysense.tracking.tracker import Tracker
 
     clip = performance_of_unseen_body()
     observation = observe(clip.pose, clip.time, SENSOR_SETS[device])
     tracker = Tracker(Person(clip.pose.skeleton), network=None if model is None else load_completion(model))
-    graphs = None if onnx is None else [_graph(onnx, observation, tracker.people * count) for count in (1, people)]
     one = percentiles(frame_stepper(tracker, observation), frames)
     batch = percentiles(_together(tracker, observation, people), max(1, frames // 4))
     numbers = {name: one[name] for name in ("p50_ms", "p99_ms")}
@@ -69,15 +64,12 @@ def bench_step(
         weights = stack.enter_context(as_file(packaged)) if model is None else model
         numbers |= {"floor_ms": _floor(weights)} | _reference(weights, max(1, frames // 4))
         size = weights.stat().st_size
-    if graphs is not None:
-        numbers["onnx_p50_ms"] = percentiles(graphs[0], max(1, frames // 4))["p50_ms"]
-        numbers[f"onnx_batch{people}_ms"] = percentiles(graphs[1], max(1, frames // 16))["p50_ms"] / people
     report(f"step, {device}", numbers | {"rss_mb": memory, "file_mb": size / 1e6}, json)
 
 
 def _together(tracker: Tracker, observation: Observation, people: int) -> Callable[[int], None]:
     """Return a function that completes the n-th frame of several equal people in one batch."""
-    from bodysense.tracker import step_together
+    from bodysense.tracking.tracker import step_together
 
     single = [observation[place : place + 1] for place in range(len(observation))]
     states = [tracker.start() for _ in range(people)]
@@ -107,7 +99,7 @@ def _floor(weights: Path) -> float:
 
 def _reference(weights: Path, frames: int) -> dict[str, float]:
     """Return the median time in ms of the products in NumPy, and their millions of multiplications and additions."""
-    from bodysense_lab.completion.weights_file import read_safetensors
+    from bodysense_lab.completion.networks.weights_file import read_safetensors
 
     tables = [table for table in read_safetensors(weights)[0].values() if table.dtype == np.int8]
     wide = [np.ones(table.shape, np.float32) for table in tables]
@@ -121,20 +113,3 @@ def _reference(weights: Path, frames: int) -> dict[str, float]:
         "reference_ms": percentiles(products, frames)["p50_ms"],
         "mflop": sum(4e-6 * table.size for table in tables),
     }
-
-
-def _graph(path: Path, observation: Observation, people: Sequence[Person]) -> Callable[[int], None]:
-    """Return a function that runs the n-th frame of an observation of several equal people through an ONNX graph."""
-    from bodysense_lab.completion.onnx_graph import graph_inputs, open_graph
-
-    network, names = open_graph(path), ("position", "rotation", "has_position", "has_rotation", "accuracy")
-    together = {name: np.repeat(getattr(observation, name)[None], len(people), axis=0) for name in names}
-    frames = list(graph_inputs(replace(observation[:300], **{n: v[:, :300] for n, v in together.items()}), people))
-    state = network.start(len(people))
-
-    def one(frame: int) -> None:
-        nonlocal state
-        place = frame % len(frames)
-        _, state = network.step(frames[place], network.start(len(people)) if place == 0 else state)
-
-    return one

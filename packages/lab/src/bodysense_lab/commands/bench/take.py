@@ -7,7 +7,7 @@ import time
 import numpy as np
 
 from bodysense_lab.commands.bench.timing import report
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 RATE = 30.0  # Hz
 

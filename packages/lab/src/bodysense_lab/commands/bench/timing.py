@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bodysense.observation import Observation
+from bodysense.observing.observation import Observation
 
 
 def percentiles(one: Callable[[int], None], frames: int) -> dict[str, float]:

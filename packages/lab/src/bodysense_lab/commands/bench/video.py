@@ -9,7 +9,7 @@ from typing import Annotated
 import tyro
 
 from bodysense_lab.commands.bench.timing import report, resident_memory
-from bodysense_lab.options import Json
+from bodysense_lab.core.options import Json
 
 
 def video(file: Annotated[Path, tyro.conf.Positional], json: Json = None) -> None:

@@ -1,0 +1,1 @@
+"""Sequences that the completion networks learn from."""

@@ -1,0 +1,128 @@
+"""Batches of training sequences: frames of the body and, if the sequences have them, of both hands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bodysense.body.shape import sample_bodies
+from bodysense.geometry.rotation import quaternion_to_matrix
+from bodysense_lab.completion.data.corpus import Corpus
+from bodysense_lab.completion.data.hands import TrainingHands
+from bodysense_lab.completion.data.points import SPIN_INDICES
+from bodysense_lab.completion.data.sequences import Sequence, SequenceAugmentation, make_sequence
+from bodysense_lab.completion.data.training_bodies import TrainingBody
+from bodysense_lab.completion.networks.features import Before, TrackedSignal
+from bodysense_lab.completion.networks.fingers import FingerSignal
+from bodysense_lab.completion.networks.network import turn_about_up
+from bodysense_lab.core.fit import cut_frames
+
+_GROUP = 16  # whole sequences in a batch
+
+
+class HandBatch(NamedTuple):
+    """Frames of both hands of B sequences."""
+
+    signal: FingerSignal
+    true_position: Tensor  # (B, T, 2, 20, 3) m, in the frame of the wrist
+    true_rotation: Tensor  # (B, T, 2, 15, 3, 3) wrist ← joint
+    valid: Tensor  # (B, T) bool
+
+
+class SequenceBatch(NamedTuple):
+    """Frames of B sequences; `begins` marks those that start with this batch."""
+
+    signal: TrackedSignal
+    true_position: Tensor  # (B, T, 25, 3) m, world
+    true_rotation: Tensor  # (B, T, 22, 3, 3) world ← joint
+    contact: Tensor  # (B, T, 4)
+    valid: Tensor  # (B, T) bool
+    begins: Tensor  # (B,) bool
+    usual: Tensor  # (B,) bool: `Sequence.usual`
+    hands: HandBatch | None = None
+
+
+def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> SequenceBatch:
+    """Return a batch of `chunk` frames of each sequence, from its start frame on (see `cut_frames`)."""
+    kept = ("position", "has_position", "has_rotation", "acceleration", "has_acceleration")
+    now = cut_frames(pieces, chunk, (*kept, "rotation", "anchor", "true_position", "true_rotation", "contact"))
+    earlier = cut_frames([(one, start - 1) for one, start in pieces], chunk, (*kept[:3], "rotation"))
+    sequences = [one for one, _ in pieces]
+    interval = _stacked(sequences, "interval")[:, None].expand(-1, chunk)
+    anchor = now["anchor"]
+    origin = torch.zeros(*anchor.shape[:2], 3)
+    origin[..., 0], origin[..., 2] = anchor[..., 2], anchor[..., 3]
+    first = torch.tensor([start == 0 for _, start in pieces])
+    has_before = torch.ones(len(pieces), chunk, 1, dtype=torch.bool)
+    has_before[first, 0] = False
+    signal = TrackedSignal(
+        **{name: now[name] for name in kept},
+        rotation=quaternion_to_matrix(now["rotation"]),
+        accuracy=_stacked(sequences, "accuracy")[:, None].expand(-1, chunk, -1),
+        interval=interval,
+        turn=turn_about_up(anchor[..., 0], anchor[..., 1]),
+        origin=origin,
+        before=Before(
+            position=earlier["position"],
+            has_position=earlier["has_position"] & has_before,
+            rotation=quaternion_to_matrix(earlier["rotation"][..., SPIN_INDICES, :]),
+            has_rotation=earlier["has_rotation"][..., SPIN_INDICES] & has_before,
+        ),
+        **{name: _stacked(sequences, name) for name in ("rest_offset", "certainty", "size")},
+    )
+    hands = [(one.hands, start) for one, start in pieces if one.hands is not None]
+    return SequenceBatch(
+        signal=signal,
+        true_position=now["true_position"],
+        true_rotation=quaternion_to_matrix(now["true_rotation"]),
+        contact=now["contact"].float(),
+        valid=now["valid"],
+        begins=torch.from_numpy(begins),
+        usual=torch.tensor([one.usual for one in sequences]),
+        hands=_collate_hands(hands, chunk, interval) if hands else None,
+    )
+
+
+def _collate_hands(pieces: list[tuple[TrainingHands, int]], chunk: int, interval: Tensor) -> HandBatch:
+    kept, turns = (
+        ("position", "has_position", "has_rotation", "wrist", "wrist_velocity"),
+        ("rotation", "wrist_rotation"),
+    )
+    now = cut_frames(pieces, chunk, (*kept, *turns, "true_position", "true_rotation"))
+    signal = FingerSignal(
+        **{name: now[name] for name in kept},
+        **{name: quaternion_to_matrix(now[name]) for name in turns},
+        rest_offset=_stacked([one for one, _ in pieces], "rest_offset"),
+        interval=interval,
+    )
+    return HandBatch(signal, now["true_position"], quaternion_to_matrix(now["true_rotation"]), now["valid"])
+
+
+def _stacked(items: Iterable[Any], name: str) -> Tensor:
+    return torch.from_numpy(np.stack([np.asarray(getattr(one, name), dtype=np.float32) for one in items]))
+
+
+def whole_clips(corpus: Corpus, clips: Iterable[int], bodies: tuple[str, ...], **choices: Any) -> list[SequenceBatch]:
+    """Return batches of whole clips of similar lengths, on known bodies.
+
+    Args:
+        corpus: recorded motion.
+        clips: indices of clips.
+        bodies: `own`, `stranger` (an unseen body), or both.
+        **choices: further fields of `SequenceAugmentation`.
+    """
+    clips = sorted(clips, key=lambda clip: corpus.length[clip] / corpus.rate[clip])
+    sequences = []
+    for clip, unseen in zip(clips, sample_bodies("validation", len(clips)), strict=True):
+        offsets: Mapping[str, np.ndarray] = {"own": corpus.rest_offset[clip].astype(float), "stranger": unseen}
+        for body in bodies:
+            augmentation = SequenceAugmentation(TrainingBody.fully_known(offsets[body]), **choices)
+            sequences.append(make_sequence(corpus, clip, augmentation, np.random.default_rng([7, clip])))
+    groups = [sequences[first : first + _GROUP] for first in range(0, len(sequences), _GROUP)]
+    return [
+        collate([(one, 0) for one in group], max(map(len, group)), np.ones(len(group), dtype=bool)) for group in groups
+    ]

@@ -1,0 +1,1 @@
+"""The completion networks and their files."""

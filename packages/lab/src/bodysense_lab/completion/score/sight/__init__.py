@@ -1,0 +1,1 @@
+"""Scores of wearers with the sight of a real headset."""

@@ -1,0 +1,1 @@
+"""Scores of the tracker on scripted scenes, for `bodysense evaluate scenes`."""

@@ -1,0 +1,1 @@
+"""Tasks, losses and options of the completion trainings."""

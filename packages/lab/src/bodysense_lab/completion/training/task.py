@@ -1,0 +1,247 @@
+"""Training tasks of the completion networks: batches, losses, and figures on validation people and bodies.
+
+The body's network and the fingers' network are trained one after the other, on the same kind of sequences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bodysense.devices.simulated.sensors import SENSOR_SETS
+from bodysense.errors import BodysenseError
+from bodysense_lab.completion.data.batches import SequenceBatch, collate, whole_clips
+from bodysense_lab.completion.data.corpus import Corpus
+from bodysense_lab.completion.data.points import JOINTS
+from bodysense_lab.completion.data.postures.postures import low_share, standing_share
+from bodysense_lab.completion.data.postures.upright import stance_shifts
+from bodysense_lab.completion.data.sensor_draws import fixed_sensors
+from bodysense_lab.completion.data.sequences import Sequence, draw_hands, draw_scene, draw_sequence
+from bodysense_lab.completion.networks.fingers import FingerConfig
+from bodysense_lab.completion.networks.network import CompletionConfig
+from bodysense_lab.completion.score.finger_errors import FingerValidation, predicted_fingers, untracked_distances
+from bodysense_lab.completion.training.losses import (
+    FingerLosses,
+    Losses,
+    finger_losses,
+    losses,
+    prediction_errors,
+    staying_loss,
+)
+from bodysense_lab.core.fit import Task, stream_sequences
+from bodysense_lab.core.options import Schedule
+from bodysense_lab.core.precision import layer_autocast
+
+HEADSET_CATEGORIES = ("sit", "talk_gesture", "everyday", "locomotion", "")  # motions of headset wearers; "" is unknown
+# Sensor sets of validation, and those that are scored on the own body only.
+SETS = ("three_point", "head", "six_point", "headset_camera", "three_point_imu_feet")
+OWN_SETS = ("mocopi_six", "dip_six", "headset_slimevr_six")
+_POSTURE_SHARE = 0.2  # share of sequences in postures that are rare in recordings
+_SCENE_SHARE = 0.12  # share of sequences that are scripted scenes
+_GENERATED = 0.5  # share of sequences whose fingers are generated
+
+
+@dataclass(frozen=True)
+class CompletionTaskConfig:
+    """Settings of batches and losses of the body."""
+
+    network: CompletionConfig = CompletionConfig()
+    streams: int = 96  # sequences in parallel
+    chunk: int = 48  # frames of truncated backpropagation
+    backward: bool = False  # time runs backward
+    losses: Losses = field(default_factory=Losses)
+
+
+@dataclass(frozen=True)
+class FingerTaskConfig:
+    """Settings of batches and losses of the fingers."""
+
+    network: FingerConfig = FingerConfig()
+    streams: int = 32  # sequences in parallel
+    chunk: int = 48  # frames of truncated backpropagation
+    losses: FingerLosses = field(default_factory=FingerLosses)
+    generated_hours: float = 0.0  # of generated fingers for clips without recorded ones; 0: such clips are left out
+    left_out: str = ""  # person whose clips are excluded from training
+
+
+@dataclass(frozen=True, eq=False)
+class CompletionTask(Task):
+    """Training task of the body's network."""
+
+    network: Any
+    configuration: CompletionTaskConfig
+    schedule: Schedule
+    corpus: Corpus
+    validation: Mapping[str, list[SequenceBatch]]
+    source: Mapping[str, Any] | None = None
+    precision: torch.dtype | None = None  # of the layers; None: the device's own
+    teacher: Any = None  # an earlier network, to which predictions for usual sensors stay close; None: without
+    mixed = True
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
+        """Yield chunks of random sequences, each sequence from its first to its last frame."""
+        return _stream_batches(self._sequence_sampler(rng), self.configuration)
+
+    def loss(self, batch: SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
+        """Return the losses of a chunk and the memory after it: that of the network, then that of the teacher."""
+        before, layers = self._memory_before(batch, memory), self.network.config.layers
+        features = self.network.read(batch.signal)
+        with layer_autocast(features.device, self.precision):
+            (turned, judged), after = self.network.predict(features, before[:layers])
+        prediction = self.network.prediction(turned.float(), judged.float())
+        terms = losses(self.network, prediction, batch, self.configuration.losses)
+        if self.teacher is None:
+            return terms, after
+        after, earlier = after.detach().float(), before[layers:].clone()
+        rows = batch.usual
+        if rows.any():
+            with torch.no_grad(), layer_autocast(features.device, self.precision):
+                raw, earlier[:, rows] = self.teacher.predict(features[rows], before[layers:, rows])
+            kept = self.teacher.prediction(*(part.float() for part in raw))
+            stay = staying_loss(self.network, prediction, kept, batch, self.configuration.losses)
+            terms = {"loss": terms["loss"] + stay, "stay": stay, **{k: v for k, v in terms.items() if k != "loss"}}
+        else:
+            terms["stay"] = torch.zeros(())
+        return terms, torch.cat([after, earlier])
+
+    def _memory_before(self, batch: SequenceBatch, memory: Tensor | None) -> Tensor:
+        """Return the memories before a chunk: of the network, then of the teacher if there is one."""
+        if memory is None:
+            parts = [one.begin(len(batch.begins)) for one in (self.network, self.teacher) if one is not None]
+            memory = torch.cat(parts)
+        return torch.where(batch.begins[None, :, None], 0.0, memory.detach().float())
+
+    @torch.no_grad()
+    def validate(self, network: Any) -> dict[str, float]:
+        """Return the mean error from the head in cm at true size, and the rotation error, by sensor set and body.
+
+        The first figure, the score, is the mean of the errors in cm.
+        """
+        figures: dict[str, float] = {}
+        for name, batches in self.validation.items():
+            far, turned, count = 0.0, 0.0, 0.0
+            for batch in batches:
+                raw, _ = network.predict(network.read(batch.signal), network.begin(len(batch.begins)))
+                missed, rotation, wanted = prediction_errors(network, network.prediction(*raw), batch)
+                angle = (rotation - wanted).abs().mean(dim=(-2, -1))
+                distance = missed[..., :JOINTS, :].norm(dim=-1).mean(dim=-1) * batch.signal.size[:, None]
+                far += float((distance * batch.valid).sum())
+                turned += float((angle.mean(dim=-1) * batch.valid).sum())
+                count += float(batch.valid.sum())
+            figures[f"{name}_mpjpe_cm"] = 100 * far / count
+            figures[f"{name}_rotation"] = turned / count
+        return _with_score(figures, "cm")
+
+    def _sequence_sampler(self, rng: np.random.Generator) -> Callable[[], Sequence]:
+        """Return a function that draws a sequence.
+
+        Clips are drawn by their length. Clips of standing people are sometimes changed to a rare posture.
+        """
+        seconds = self.corpus.length / self.corpus.rate
+        everyday = np.isin(self.corpus.category, HEADSET_CATEGORIES)
+        weight = seconds * np.where(everyday, 1.0, 0.6) * (1 + low_share(self.corpus))
+        still = seconds * standing_share(self.corpus) ** 2
+        weight, still = weight / weight.sum(), still / max(still.sum(), 1e-9)
+        shifts = stance_shifts(self.corpus)
+
+        def draw() -> Sequence:
+            if rng.uniform() < _SCENE_SHARE:
+                return draw_scene(rng, self.configuration.backward)
+            change_posture = bool(still.any() and rng.uniform() < _POSTURE_SHARE)
+            clip = int(rng.choice(len(weight), p=still if change_posture else weight))
+            shift = 0.0 if change_posture else float(shifts[clip])
+            return draw_sequence(self.corpus, clip, rng, change_posture, self.configuration.backward, shift)
+
+        return draw
+
+
+@dataclass(frozen=True, eq=False)
+class FingerTask(Task):
+    """Training task of the fingers' network, which reads the hands of the sequences."""
+
+    network: Any
+    configuration: FingerTaskConfig
+    schedule: Schedule
+    corpus: Corpus
+    validation: Mapping[str, FingerValidation]
+    source: Mapping[str, Any] | None = None
+    generated: np.ndarray | None = None  # (N, 30, 4) generated fingers; None: recorded ones only
+    mixed = True
+
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
+        """Yield chunks of random sequences, each sequence from its first to its last frame."""
+        return _stream_batches(self._sequence_sampler(rng), self.configuration)
+
+    def loss(self, batch: SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
+        """Return the losses of both hands in a chunk and the memory after it."""
+        assert batch.hands is not None
+        before = _memory_before(self.network, batch, memory)
+        with layer_autocast(before.device):
+            rotation, error, after = self.network(batch.hands.signal, before)
+        return finger_losses(rotation, error, batch.hands, self.configuration.losses), after
+
+    @torch.no_grad()
+    def validate(self, network: Any) -> dict[str, float]:
+        """Return the mean error in cm of points that are not tracked, and its ratio to a baseline's, by sensor set.
+
+        The first figure, the score, is the mean of the ratios.
+        """
+        figures: dict[str, float] = {}
+        for name, (batches, baseline) in self.validation.items():
+            missed = float(untracked_distances(partial(predicted_fingers, network), batches).mean())
+            figures[f"{name}_cm"], figures[f"{name}_ratio"] = 100 * missed, missed / baseline
+        return _with_score(figures, "ratio")
+
+    def _sequence_sampler(self, rng: np.random.Generator) -> Callable[[], Sequence]:
+        """Return a function that draws a sequence.
+
+        Clips are drawn by their length. With generated fingers, half of the sequences have them.
+        """
+        weight, recorded = self.corpus.length / self.corpus.rate, self.corpus.finger_start >= 0
+        for part, share in ((recorded, 1 - _GENERATED), (~recorded, 0.0 if self.generated is None else _GENERATED)):
+            weight[part] *= share / max(weight[part].sum(), 1e-9)
+        weight /= weight.sum()
+        return lambda: draw_hands(self.corpus, int(rng.choice(len(weight), p=weight)), rng, self.generated)
+
+
+def _stream_batches(
+    draw: Callable[[], Sequence], configuration: CompletionTaskConfig | FingerTaskConfig
+) -> Iterator[SequenceBatch]:
+    """Yield chunks of parallel streams that play whole sequences, one after the other."""
+    for pieces, begins in stream_sequences(draw, configuration.streams, configuration.chunk):
+        yield collate(pieces, configuration.chunk, begins)
+
+
+def _memory_before(network: Any, batch: SequenceBatch, memory: Tensor | None) -> Tensor:
+    """Return the network's memory before a chunk: that of the chunk before it, zero for sequences that begin."""
+    before = network.begin(len(batch.begins)) if memory is None else memory
+    begins = batch.begins.repeat_interleave(before.shape[1] // len(batch.begins))  # both hands of a sequence
+    return torch.where(begins[None, :, None], 0.0, before.detach().float())
+
+
+def _with_score(figures: dict[str, float], ending: str) -> dict[str, float]:
+    """Return the figures with a score before them: the mean of those whose names end with `ending`."""
+    return {"score": float(np.mean([value for name, value in figures.items() if name.endswith(ending)]))} | figures
+
+
+def validation_batches(corpus: Corpus, stride: int, backward: bool = False) -> dict[str, list[SequenceBatch]]:
+    """Return whole clips of the motions of headset wearers, on their own and on unseen bodies, by sensor set and body.
+
+    Every `stride`-th clip is used. Raises BodysenseError if the split has no such motion.
+    """
+    clips = [k for k in range(len(corpus)) if corpus.category[k] in HEADSET_CATEGORIES][::stride]
+    if not clips:
+        raise BodysenseError("the val split has no everyday motion; give --data with some, or without categories")
+    return {
+        f"{name}_{body}": whole_clips(
+            corpus, clips, (body,), sensors=partial(fixed_sensors, SENSOR_SETS[name]), backward=backward
+        )
+        for name in (*SETS, *OWN_SETS)
+        for body in (("own",) if name in OWN_SETS else ("own", "stranger"))
+    }

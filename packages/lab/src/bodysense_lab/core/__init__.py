@@ -1,0 +1,1 @@
+"""Training, checkpoints, tables and charts, shared by all methods."""

@@ -1,0 +1,1 @@
+"""Motion data: clips, stores, preparation and windows."""

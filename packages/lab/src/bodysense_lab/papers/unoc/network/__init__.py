@@ -1,0 +1,1 @@
+"""The networks of UNOC, their losses and files."""

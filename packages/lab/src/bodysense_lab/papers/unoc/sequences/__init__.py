@@ -1,0 +1,1 @@
+"""Sequences that the networks of UNOC learn from."""

@@ -1,0 +1,1 @@
+"""Protocols of other programs, a file or a folder each."""

@@ -1,0 +1,1 @@
+"""SolarXR, the protocol of SlimeVR servers and Monado."""

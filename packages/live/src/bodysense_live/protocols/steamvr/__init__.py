@@ -1,0 +1,1 @@
+"""Trackers and hands for SteamVR by Virtual Motion Tracker."""

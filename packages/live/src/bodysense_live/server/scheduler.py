@@ -1,0 +1,116 @@
+"""The scheduler: steps all sessions with a new frame together.
+
+A thread completes bodies, so that the event loop stays free. Only the event loop accesses sessions.
+
+If frames arrive faster than they are completed, most are replaced by newer ones. Reading a frame costs a tenth of a
+step, so clients with a pending frame are not read while sessions are stepped (`reading`). They are read just before the
+next step, and all but their newest frame are skipped without being decoded (`newest_frames`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from time import perf_counter
+from typing import Generic, Protocol, TypeVar
+
+from bodysense.io.formats.protocol import ProtocolError
+from bodysense.tracking.estimate import Estimate
+from bodysense_live.sessions.answer import Answer, CompletionJob
+from bodysense_live.sessions.estimation import PipelineState, step_many
+from bodysense_live.sessions.session import Session
+
+_LOOP_TURNS = 4  # of the event loop, from a readable socket to the newest frame in its session
+
+
+class HasSession(Protocol):
+    """An object with a session to step."""
+
+    session: Session
+
+
+Slot = TypeVar("Slot", bound=HasSession)
+
+
+class Scheduler(Generic[Slot]):
+    """A task that steps sessions.
+
+    Args:
+        deliver: called with a slot and its answer, or None if the step failed.
+        refuse: called with a slot and an error for a frame with an invalid value.
+        on_stepped: called with the seconds that a common step took.
+    """
+
+    def __init__(
+        self,
+        deliver: Callable[[Slot, Answer | None], None],
+        refuse: Callable[[Slot, ProtocolError], None],
+        on_stepped: Callable[[float], object],
+    ) -> None:
+        self._deliver, self._refuse, self._on_stepped = deliver, refuse, on_stepped
+        self._ready: dict[Slot, None] = {}  # in order of arrival
+        self._wake = asyncio.Event()
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix="tracker")
+        self.reading = asyncio.Event()  # cleared while sessions are stepped
+        self.reading.set()
+
+    def ready(self, slot: Slot) -> None:
+        """Schedule a step of a session, if it has a new frame."""
+        if slot.session.is_ready:
+            self._ready[slot] = None
+            self._wake.set()
+
+    async def run(self) -> None:
+        """Step until cancelled."""
+        try:
+            while True:
+                await self._wake.wait()
+                self._wake.clear()
+                while self._ready:
+                    batch, self._ready = list(self._ready), {}
+                    self.reading.clear()
+                    try:
+                        await self._step(batch)
+                    finally:
+                        self.reading.set()
+                    for _ in range(_LOOP_TURNS if self._ready else 0):
+                        await asyncio.sleep(0)
+        finally:
+            self._thread.shutdown(wait=False, cancel_futures=True)
+
+    def _job(self, slot: Slot) -> CompletionJob | None:
+        """Return the job of one session. A failure does not affect other sessions."""
+        try:
+            return slot.session.job()
+        except ProtocolError as error:
+            self._refuse(slot, error)
+            return None
+        except Exception:  # any failure; other sessions continue
+            slot.session.abandon()
+            self._deliver(slot, None)
+            return None
+
+    async def _step(self, batch: Sequence[Slot]) -> None:
+        jobs = [(slot, job) for slot in batch if (job := self._job(slot)) is not None]
+        if not jobs:
+            return
+        begun = perf_counter()  # a loop's own clock may have milliseconds only
+        loop = asyncio.get_running_loop()
+        found = await loop.run_in_executor(self._thread, complete, [job for _, job in jobs])
+        self._on_stepped(perf_counter() - begun)
+        for (slot, job), result in zip(jobs, found, strict=True):
+            if result is None:
+                slot.session.abandon()
+                self._deliver(slot, None)
+            else:
+                self._deliver(slot, slot.session.answer(job, *result))
+            self.ready(slot)  # a newer frame may have arrived meanwhile
+
+
+def complete(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState] | None]:
+    """Return estimate and state of every job, or None for a job that failed. A failure does not affect other jobs."""
+    try:
+        return list(step_many([(job.pipeline, job.observation, job.state) for job in jobs]))
+    except Exception:  # any failure of one job; other jobs are stepped again, each alone
+        return [None] if len(jobs) == 1 else [found for job in jobs for found in complete([job])]

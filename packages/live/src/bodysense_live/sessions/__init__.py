@@ -1,0 +1,1 @@
+"""One wearer's session: signals in, displayed bodies and recordings out."""

@@ -1,0 +1,171 @@
+"""The displayed body: still regions, mirroring, smoothing, and blending when settings change."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodysense.body.pose import Pose, standing_pose
+from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.products import CONJUGATE, exp, log, multiply
+from bodysense.geometry.spring import spring_step
+from bodysense.io.formats.protocol import PoseFrame, SignalFrame
+from bodysense.observing.observation import Observation
+from bodysense.tracking.estimate import CONTACT_POINTS, Estimate
+from bodysense_live.server.messages import Region, Settings
+from bodysense_live.sessions.inertialiser import Inertialiser, Offset
+
+INERTIALISER = Inertialiser()
+LONGEST_GAP = 1.0  # s; after a longer gap the pose is neither smoothed nor blended
+
+
+@dataclass(frozen=True, eq=False)
+class MovingPose:
+    """A pose with its velocity."""
+
+    time: float  # s
+    root: np.ndarray  # (3,) m
+    rotation: np.ndarray  # (J, 4) wxyz, parent ← joint
+    velocity: np.ndarray  # (3,) m/s
+    spin: np.ndarray  # (J, 3) rad/s
+
+
+@dataclass(frozen=True, eq=False)
+class DisplayState:
+    """The state of smoothing and blending before the next pose."""
+
+    smoothed: MovingPose | None = None  # last pose, without the offset
+    displayed: Pose | None = None  # last pose, with the offset
+    offset: Offset | None = None  # decaying difference of the displayed body from the completed one
+    blends: bool = False  # start a new offset with the next pose, so that it does not jump
+
+    def blending(self) -> DisplayState:
+        """Return the state that blends from the displayed pose to the next one."""
+        return replace(self, blends=True)
+
+    def unsmoothed(self) -> DisplayState:
+        """Return the state that displays the next pose at once."""
+        return replace(self, smoothed=None)
+
+    def step(self, pose: Pose, time: float, half_life: float) -> tuple[Pose, DisplayState]:
+        """Return the pose to display at `time` s, smoothed with a half-life in s, and the state after it."""
+        before, displayed, offset = self.smoothed, self.displayed, self.offset
+        if before is None or time - before.time > LONGEST_GAP:
+            before = displayed = offset = None
+        root, rotation = pose.root_position, pose.rotation
+        if before is None or half_life == 0:
+            smoothed = at_rest(time, root, rotation)
+        else:
+            smoothed = smoothed_toward(before, time, root, rotation, half_life)
+            pose = Pose(pose.skeleton, smoothed.root, smoothed.rotation)
+        if self.blends and displayed is not None:
+            offset = INERTIALISER.start(displayed, pose, offset or INERTIALISER.rest(pose))
+        if offset is not None and before is not None:
+            pose, offset = INERTIALISER.apply(pose, time - before.time, offset)
+            offset = offset if offset.root.any() or offset.rotation.any() else None
+        return pose, DisplayState(smoothed, pose, offset)
+
+
+def mirrored(skeleton: Skeleton, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mirror a pose across the plane x = 0: root (3,) m and rotations (J, 4)."""
+    partner = skeleton.mirror[: len(rotation)]
+    return root * [-1, 1, 1], rotation[partner] * [1, 1, -1, -1]
+
+
+def at_rest(time: float, root: np.ndarray, rotation: np.ndarray) -> MovingPose:
+    """Return a pose without velocity."""
+    return MovingPose(time, root, rotation, np.zeros(3), np.zeros((len(rotation), 3)))
+
+
+def smoothed_toward(
+    before: MovingPose, time: float, root: np.ndarray, rotation: np.ndarray, half_life: float
+) -> MovingPose:
+    """Return the pose at `time` s on its way to a target. Half of a jump is left after `half_life` s, at any rate."""
+    turn = log(multiply(before.rotation, rotation * CONJUGATE))
+    offset = np.concatenate([turn, [before.root - root]])
+    velocity = np.concatenate([before.spin, [before.velocity]])
+    offset, velocity = spring_step(offset, velocity, half_life, time - before.time)
+    turned = multiply(exp(offset[:-1]), rotation)
+    turned *= np.copysign(1.0, turned[:, :1])
+    return MovingPose(time, root + offset[-1], turned, velocity[-1], velocity[:-1])
+
+
+JUMP = 0.03  # m per frame; a larger step of any coordinate is a jump
+_OTHER_FOOT = [CONTACT_POINTS.index(name) for name in ("right_ankle", "left_ankle", "right_foot", "left_foot")]
+_BLENDED_SETTINGS = ("regions", "smoothing", "hold_feet")  # settings whose changes are blended
+_PARTS: dict[str, Region] = {
+    **dict.fromkeys(("spine1", "spine2", "spine3"), "torso"),
+    **dict.fromkeys(("neck", "head"), "head"),
+    **dict.fromkeys(("collar", "shoulder", "elbow", "wrist"), "arms"),
+    **dict.fromkeys(("hip", "knee", "ankle", "foot"), "legs"),
+}
+
+
+class BodyDisplay:
+    """The displayed body of one person. `eased`: blend if the body would jump because a tracker is lost or found."""
+
+    def __init__(self, skeleton: Skeleton, settings: Settings, eased: bool) -> None:
+        self._eased, self._state = eased, DisplayState()
+        self._seen_before: tuple[list[str], np.ndarray] | None = None  # tracked points; body's points (P, 3) m
+        self._standing = standing_pose(skeleton).rotation
+        self._joints, self._mirror = skeleton.joints, skeleton.mirror  # equal for all bodies
+        self._set_regions(settings)
+
+    def _set_regions(self, settings: Settings) -> None:
+        self._settings, regions = settings, set(settings.regions)
+        self._still = np.array([_region(name) not in {None, *regions} for name in self._joints])
+        self._keeps_still = bool(self._still.any())
+
+    def apply(self, settings: Settings) -> None:
+        """Apply settings to the next pose."""
+        before = self._settings
+        self._set_regions(settings)
+        if settings.mirror != before.mirror:
+            self._state = self._state.unsmoothed()
+        if any(getattr(settings, name) != getattr(before, name) for name in _BLENDED_SETTINGS):
+            self.blend_next()
+
+    def blend_next(self) -> None:
+        """Blend to the next pose."""
+        self._state = self._state.blending()
+
+    def step(
+        self, skeleton: Skeleton, observation: Observation, estimate: Estimate, frame: SignalFrame
+    ) -> tuple[Pose, PoseFrame, np.ndarray | None]:
+        """Return the pose to display, the frame to send, and points (P, 3) m, or None if the pose was changed."""
+        root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
+        moment = float(observation.time[0])
+        if self._eased:
+            self._ease(observation, estimate.points[0])
+        error, hidden, contact = estimate.confidence[0], 1.0 - estimate.measured[0], estimate.contact[0]
+        before = root, rotation
+        if self._keeps_still:
+            rotation = np.where(self._still[:, None], self._standing, rotation)
+        if self._settings.mirror:
+            root, rotation = mirrored(skeleton, root, rotation)
+            error, hidden, contact = error[self._mirror], hidden[self._mirror], contact[_OTHER_FOOT]
+        pose, self._state = self._state.step(Pose(skeleton, root, rotation), moment, self._settings.smoothing)
+        root, rotation = np.asarray(pose.root_position), np.asarray(pose.rotation)
+        is_unchanged = root is before[0] and rotation is before[1]
+        sent = PoseFrame(frame.sequence, frame.time, root, rotation, error, hidden, contact)
+        return pose, sent, estimate.points[0] if is_unchanged else None
+
+    def truth(self, skeleton: Skeleton, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return a true pose, (3,) m and (J, 4), mirrored as the answer is."""
+        return mirrored(skeleton, root, rotation) if self._settings.mirror else (root, rotation)
+
+    def _ease(self, observation: Observation, points: np.ndarray) -> None:
+        """Blend if the body jumps when a point is lost or found. `points`: (P, 3) m."""
+        seen = [name for k, name in enumerate(observation.points) if observation.has_position[0, k]]
+        before, self._seen_before = self._seen_before, (seen, points)
+        if before is not None and before[0] != seen and np.abs(points - before[1]).max() > JUMP:
+            self.blend_next()
+
+
+def _region(joint: str) -> Region | None:
+    """Return the region of a joint; None for the pelvis, which always moves."""
+    part = joint.removeprefix("left_").removeprefix("right_")
+    if part == "pelvis":
+        return None
+    return _PARTS.get(part, "fingers")

@@ -1,1 +1,0 @@
-"""Demonstration performance: a body of hinges, a choreography, and a solver."""

@@ -1,0 +1,1 @@
+"""A hand, its shape, and the glove that it wears."""

@@ -1,0 +1,1 @@
+"""Names of glove markers: assigned, searched and checked."""

@@ -1,0 +1,1 @@
+"""Rotations, rigid motions and products of vectors, without a body."""

@@ -1,0 +1,377 @@
+"""BVH files as text: joints and numbers. Numbers are replaced without changing any other byte."""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import accumulate
+from pathlib import Path
+
+import numpy as np
+
+from bodysense.body.gaps import runs
+from bodysense.errors import BodysenseError
+from bodysense.files import HUGE, check_plain, read_bytes, sound, written_beside
+from bodysense.geometry.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, swing_twist
+
+_BLOCK = 256  # frames converted at once
+MOST_NODES = 20_000  # joints and end sites; no body has a tenth of them
+
+_TOKEN = re.compile(
+    r"\s*(?:(?P<open>\{)|(?P<close>\})"
+    r"|(?P<root>ROOT\b|JOINT\b)[ \t]*(?P<name>[^\r\n{}]*)|(?P<end>End\s+Site\b)[^\r\n{}]*"
+    r"|OFFSET(?P<offset>(?:\s+[^\s{}]+){3})"
+    r"|CHANNELS\s+(?P<count>\d{1,2})\b(?P<channels>(?:\s+[XYZ](?:position|rotation)\b)*))",
+    re.IGNORECASE,
+)
+_MOTION = re.compile(rb"(?:^|\r)[ \t]*MOTION\b", re.MULTILINE | re.IGNORECASE)
+_NOT_A_NUMBER = re.compile(rb"(?<!\S)[-+]?(?:1\.#\w+|nan\(\w*\))", re.IGNORECASE)  # as some compilers write NaN
+_TIMING = re.compile(rb"(\s*Frames\s*:\s*)(\d{1,12})(\s+Frame\s+Time\s*:\s*)(\S+)(\s*)", re.IGNORECASE)
+
+
+@dataclass
+class Node:
+    """A joint or End Site of the HIERARCHY section."""
+
+    name: str
+    parent: int  # among the nodes; -1 for a root
+    is_site: bool
+    offset: tuple[float, ...] | None = None
+    channels: tuple[str, ...] = ()  # 'Xposition' …
+
+
+@dataclass(frozen=True, eq=False)
+class BvhFile:
+    """A BVH file: its joints, parents before children, and its motion in file units and degrees.
+
+    End Sites are in `tree` alone.
+    """
+
+    path: Path
+    head: bytes  # everything before the first frame
+    motion: bytes  # the frames
+    tree: tuple[Node, ...]  # joints and End Sites, parents before children
+    nodes: tuple[int, ...]  # which node of the tree each joint is
+    joints: tuple[str, ...]
+    parents: tuple[int, ...]  # the joint above each; -1 for a root
+    offset: np.ndarray  # (J, 3) from the parent, file units
+    channels: tuple[tuple[str, ...], ...]  # of each joint, 'Xposition' …, in the file's order
+    values: np.ndarray  # (T, C); NaN where the file's value is not a number
+    frame_rate: float  # Hz
+
+    @cached_property
+    def columns(self) -> tuple[range, ...]:
+        """Each joint's columns in a frame."""
+        starts = [0, *accumulate(len(node.channels) for node in self.tree)]  # an End Site may have channels, too
+        return tuple(range(starts[k], starts[k + 1]) for k in self.nodes)
+
+    @cached_property
+    def order(self) -> tuple[str, ...]:
+        """The axes that each joint turns about, 'ZXY', in the order of its channels; '' for one that cannot turn."""
+        return tuple("".join(c[0] for c in channels if c.endswith("rotation")) for channels in self.channels)
+
+    @cached_property
+    def lines(self) -> tuple[bytes, ...]:
+        """One line a frame, line ends included; unchanged if the file has one line a frame."""
+        frames, count = self.values.shape
+        lines = [line for line in self.motion.splitlines(keepends=True) if line.strip()]
+        if len(lines) == frames and all(len(line.split()) == count for line in lines):
+            return tuple(lines)
+        words = self.motion.split()
+        return tuple(b" ".join(words[k : k + count]) + b"\n" for k in range(0, frames * count, count))
+
+    def columns_of(self, joint: int, kind: str) -> list[int]:
+        """Return the columns of a joint's channels of one kind, 'rotation' or 'position'."""
+        return [k for k, name in zip(self.columns[joint], self.channels[joint], strict=True) if name.endswith(kind)]
+
+    def axes_of(self, joint: int) -> list[int]:
+        """Return the axes of a joint's position channels, in their order."""
+        return ["XYZ".index(channel[0]) for channel in self.channels[joint] if channel.endswith("position")]
+
+    @cached_property
+    def has_number(self) -> np.ndarray:
+        """(T, J) bool: all channels of a joint are numbers."""
+        number = np.isfinite(self.values)
+        return np.stack([number[:, list(columns)].all(axis=1) for columns in self.columns], axis=1)
+
+    @cached_property
+    def mended(self) -> BvhFile:
+        """The file with missing numbers interpolated linearly between their neighbours.
+
+        A channel without any number is zero, or for a position the joint's offset.
+        """
+        values, missing = self.values.copy(), ~np.isfinite(self.values)
+        if not missing.any():
+            return self
+        rest = np.zeros(values.shape[1])
+        for joint, offset in enumerate(self.offset):
+            rest[self.columns_of(joint, "position")] = offset[self.axes_of(joint)]
+        for column in np.flatnonzero(missing.any(axis=0)).tolist():
+            known = np.flatnonzero(~missing[:, column])
+            there = np.interp(np.arange(len(values)), known, values[known, column]) if known.size else rest[column]
+            values[:, column] = there
+        return self.with_values(values, missing)
+
+    @cached_property
+    def rotation(self) -> np.ndarray:
+        """(T, J, 4) local rotations of the mended file."""
+        values = self.mended.values
+        rotation = np.zeros((len(values), len(self.joints), 4))
+        rotation[..., 0] = 1
+        for order in {*self.order} - {""}:
+            joints = [joint for joint, axes in enumerate(self.order) if axes == order]
+            columns = [self.columns_of(joint, "rotation") for joint in joints]
+            for start in range(0, len(values), _BLOCK):  # in blocks that stay in the processor's cache
+                block = slice(start, start + _BLOCK)
+                angles = np.deg2rad(values[block][:, columns])
+                rotation[block][:, joints] = quaternion_canonical(euler_to_quaternion(angles, order))
+        return rotation
+
+    def place(self, joint: int) -> np.ndarray:
+        """Return a joint's position channels (T, 3) of the mended file; its offset along axes without a channel."""
+        place = np.tile(self.offset[joint], (len(self.values), 1))
+        place[:, self.axes_of(joint)] = self.mended.values[:, self.columns_of(joint, "position")]
+        return place
+
+    def without_places(self, gone: np.ndarray) -> BvhFile:
+        """Return the file without the positions of joints where `gone` (T, J)."""
+        values = self.values.copy()
+        for joint in np.flatnonzero(gone.any(axis=0)).tolist():
+            for column in self.columns_of(joint, "position"):
+                values[gone[:, joint], column] = np.nan
+        return replace(self, values=values)
+
+    def with_values(self, values: np.ndarray, changed: np.ndarray) -> BvhFile:
+        """Return the file with other numbers (T, C) where `changed` (T, C); the text of all others stays."""
+        if not np.isfinite(values[changed]).all():
+            raise BodysenseError(f"{self.path}: numbers to be written are not finite")
+        lines = list(self.lines)
+        for frame in np.flatnonzero(changed.any(axis=1)):
+            # Split into words and the space between them, so that unchanged words keep their text.
+            parts = re.split(rb"(\S+)", lines[frame])
+            for column in np.flatnonzero(changed[frame]):
+                parts[2 * column + 1] = b"%.6f" % values[frame, column]
+            lines[frame] = b"".join(parts)
+        return replace(self, motion=b"".join(lines), values=np.where(changed, values, self.values))
+
+    def with_rotation(self, rotation: np.ndarray, changed: np.ndarray) -> BvhFile:
+        """Return the file with other local rotations (T, J, 4) where `changed` (T, J).
+
+        Angles are those nearest to the frame before. A joint with one or two axes gets the nearest possible rotation.
+        """
+        values, columns_changed = self.mended.values.copy(), np.zeros(self.values.shape, dtype=bool)
+        for joint in np.flatnonzero(changed.any(axis=0)).tolist():
+            order, columns, frames = self.order[joint], self.columns_of(joint, "rotation"), changed[:, joint]
+            if not order:
+                continue
+            turns = rotation[:, joint]
+            if len(order) == 1:
+                turns = swing_twist(turns, np.eye(3)["XYZ".index(order)])[1]
+            for first, end in runs(frames):
+                before = np.deg2rad(values[first - 1, columns]) if first else np.zeros(len(order))
+                values[first:end, columns] = np.rad2deg(euler_near(turns[first:end], order, before))
+            columns_changed[:, columns] = frames[:, None]
+        return self.with_values(values, columns_changed)
+
+    def with_frames(self, row: np.ndarray, count: int, frame_rate: float) -> BvhFile:
+        """Return the file with `count` frames of one row (C,) of values."""
+        head = _TIMING.sub(rb"\g<1>%d\g<3>%.10g\g<5>" % (count, 1 / frame_rate), self.head)
+        line = b" ".join(b"%.6f" % value for value in row) + b"\n"
+        return replace(self, head=head, motion=line * count, values=np.tile(row, (count, 1)), frame_rate=frame_rate)
+
+    def text(self) -> bytes:
+        """The whole file."""
+        return self.head + b"".join(self.lines)
+
+    def write(self, path: str | Path) -> None:
+        """Write the file; it appears whole or not at all."""
+        with written_beside(path) as part:
+            part.write_bytes(self.text())
+
+
+def euler_near(rotation: np.ndarray, order: str, before: np.ndarray) -> np.ndarray:
+    """Return angles (T, n) of rotations (T, 4), each nearest to the frame before, the first to `before` (n,); radians.
+
+    A rotation has two triples of angles, and an angle may have whole turns added; the choice moves least. For fewer
+    than three axes, the angles about the others are dropped.
+    """
+    one = quaternion_to_euler(rotation, order + "".join(axis for axis in "XYZ" if axis not in order))
+    other = np.array([1, -1, 1]) * one + np.pi
+    start = np.pad(before, (0, 3 - len(order)))[None]
+    last = np.concatenate([start, one[:-1]])
+    path, other_path = (np.abs((way - last + np.pi) % (2 * np.pi) - np.pi).sum(axis=1) for way in (one, other))
+    is_other = np.cumsum(other_path < path) % 2 == 1  # they change from one triple to the other
+    angles = np.where(is_other[:, None], other, one)
+    return np.unwrap(np.concatenate([start, angles]), axis=0)[1:, : len(order)]
+
+
+def parse_bvh(data: bytes, path: Path) -> BvhFile:
+    """Parse a file's bytes; `path` names it in messages.
+
+    Raises BodysenseError, naming the file, what is wrong and the fix, for anything that is not such a file, and for
+    values that are not numbers.
+    """
+    file = _parsed(data, path)
+    if not (good := sound(file.values)).all():
+        row, column = (int(k) for k in np.argwhere(~good)[0])
+        value = file.values[row, column]
+        beyond = f" ({value:g}, beyond {HUGE:g})" if np.isfinite(value) else ""
+        raise BodysenseError(
+            f"{path}: frame {row} is not finite{beyond}; cut or mend it, or fill it: "
+            f"bodysense track {path.name} -o filled.bvh"
+        )
+    return file
+
+
+def open_bvh(path: str | Path) -> BvhFile:
+    """Read a BVH file, whose values may be missing. Raises as `parse_bvh` for anything else."""
+    path = Path(path)
+    file = _parsed(read_bytes(path), path)
+    return replace(file, values=np.where(sound(file.values), file.values, np.nan))
+
+
+def _parsed(data: bytes, path: Path) -> BvhFile:
+    """Parse a file's bytes; values may be NaN, infinite or huge."""
+    check_plain(data[:64], path)
+    if not data.removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY":
+        raise BodysenseError(f"{path}: is not a BVH file: it does not begin with HIERARCHY")
+    motion = _MOTION.search(data)
+    if motion is None:
+        raise BodysenseError(f"{path}: there is no MOTION section; the file is cut off, copy or export it again")
+    tree = _parse_hierarchy(path, data[: motion.start()].decode("utf-8-sig", errors="replace"))
+    timing = _TIMING.match(data, motion.end())
+    if timing is None:
+        raise BodysenseError(f"{path}: 'Frames:' and 'Frame Time:' must follow MOTION; the file is cut off or damaged")
+    rate, frames, channels = _frame_rate(path, timing[4]), int(timing[2]), sum(len(node.channels) for node in tree)
+    if not frames or not channels:
+        raise BodysenseError(f"{path}: {frames} frames of {channels} channels are no motion; export it again")
+    text = data[timing.end() :]
+    if b"#" in text or b"(" in text:
+        text = _NOT_A_NUMBER.sub(b"nan", text)
+    values = _numbers(path, text)
+    if values.size != frames * channels:
+        rows, rest = divmod(values.size, channels)
+        raise BodysenseError(
+            f"{path}: 'Frames: {frames}' announces {frames * channels} values ({channels} channels), but there are "
+            f"{rows} whole frames{f' and {rest} values' if rest else ''}; correct that number, or export the file again"
+        )
+    nodes = tuple(k for k, node in enumerate(tree) if not node.is_site)
+    joint = {k: joint for joint, k in enumerate(nodes)}
+    return BvhFile(
+        path=path,
+        head=data[: timing.end()],
+        motion=text,
+        tree=tuple(tree),
+        nodes=nodes,
+        joints=tuple(tree[k].name for k in nodes),
+        parents=tuple(joint.get(tree[k].parent, -1) for k in nodes),
+        offset=np.array([tree[k].offset for k in nodes], dtype=float),
+        channels=tuple(tree[k].channels for k in nodes),
+        values=values.reshape(frames, channels),
+        frame_rate=rate,
+    )
+
+
+def _parse_hierarchy(path: Path, text: str) -> list[Node]:
+    """Return the joints and End Sites of a file, parents before children."""
+    nodes: list[Node] = []
+    stack: list[int] = []
+    declared: int | None = None  # a node whose '{' is still to come
+    place = re.compile(r"\s*HIERARCHY", re.IGNORECASE).match(text).end()  # type: ignore[union-attr]
+    end = len(text.rstrip())
+    while place < end:
+        token = _TOKEN.match(text, place)
+
+        def broken(what: str, at: int = place) -> BodysenseError:
+            line = text.count("\n", 0, at + len(text[at:]) - len(text[at:].lstrip())) + 1
+            return BodysenseError(f"{path}: line {line}: {what}; mend the file or export it again")
+
+        if len(nodes) > MOST_NODES:
+            raise BodysenseError(f"{path}: more than {MOST_NODES} joints and end sites; no body has so many")
+        if token is None:
+            raise broken(f"{text[place:].split(None, 1)[0][:40]!r} is not understood here")
+        if declared is not None and not token["open"]:
+            raise broken(f"'{{' is missing after {nodes[declared].name!r}")
+        if token["open"]:
+            if declared is None:
+                raise broken("a '{' that follows no joint")
+            stack.append(declared)
+            declared = None
+        elif token["close"]:
+            if not stack:
+                raise broken("a '}' too many")
+            if nodes[stack.pop()].offset is None:
+                raise broken("a joint without OFFSET")
+        elif token["root"] or token["end"]:
+            if (token["end"] and not stack) or (stack and nodes[stack[-1]].is_site):
+                raise broken("an End Site or joint that hangs on no joint")
+            parent = stack[-1] if stack else -1
+            name = f"{nodes[parent].name}_end" if token["end"] else token["name"].strip()
+            if not name:
+                raise broken("a joint without a name")
+            declared = len(nodes)
+            nodes.append(Node(name, parent, bool(token["end"])))
+        elif not stack:
+            raise broken("OFFSET or CHANNELS outside of a joint")
+        elif token["offset"]:
+            nodes[stack[-1]].offset = _three_numbers(token["offset"], broken)
+        else:
+            channels = tuple(name.capitalize() for name in token["channels"].split())
+            if len(channels) != int(token["count"]) or len(set(channels)) != len(channels):
+                raise broken(f"CHANNELS announces {token['count']} but lists {', '.join(channels) or 'none'}")
+            nodes[stack[-1]].channels = channels
+        place = token.end()
+    if not nodes or stack or declared is not None:
+        raise BodysenseError(f"{path}: the hierarchy is cut off before its last '}}'; copy or export the file again")
+    return nodes
+
+
+def _three_numbers(text: str, broken: Callable[[str], BodysenseError]) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(word) for word in text.split())
+    except ValueError:
+        problem = "has commas for decimal points; put points" if "," in text else "is not three numbers"
+        raise broken(f"OFFSET {' '.join(text.split())!r} {problem}") from None
+    if not sound(np.array(numbers)).all():
+        raise broken(f"OFFSET {' '.join(text.split())!r} is not finite, or beyond {HUGE:g}")
+    return numbers
+
+
+def _frame_rate(path: Path, text: bytes) -> float:
+    """Return the rate (Hz) of a frame time; a whole one if the time is rounded (0.0333333 s)."""
+    try:
+        seconds = float(text)
+    except ValueError:
+        seconds = float("nan")
+    if not 1e-5 <= seconds <= 1e3:  # NaN, too
+        raise BodysenseError(
+            f"{path}: Frame Time is {text.decode(errors='replace')!r}; it must be seconds, e.g. 0.0333333"
+        )
+    rate = 1 / seconds
+    return float(round(rate)) if abs(rate - round(rate)) < 1e-4 * rate else rate
+
+
+def _numbers(path: Path, text: bytes) -> np.ndarray:
+    """Return the numbers (N,) of the frames, whose text begins with one or is empty."""
+    if not text:  # np.fromstring reads one number from an empty text
+        return np.empty(0)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # before NumPy 2.3 unread text is only a warning
+            return np.fromstring(text, sep=" ")
+    except (ValueError, DeprecationWarning):
+        raise BodysenseError(
+            f"{path}: {_first_bad_number(text.rstrip())!r} in the motion is not a number; mend that frame"
+        ) from None
+
+
+def _first_bad_number(block: bytes) -> str:
+    for word in block.split():
+        try:
+            float(word)
+        except ValueError:
+            return word[:40].decode(errors="replace")
+    return block[-40:].decode(errors="replace")

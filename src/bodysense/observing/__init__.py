@@ -1,0 +1,1 @@
+"""What is known of a person at each time, from any device."""

@@ -1,0 +1,1 @@
+"""How well a motion is estimated, and whether it moves like a person."""

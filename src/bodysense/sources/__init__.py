@@ -1,0 +1,1 @@
+"""Files and streams of any kind, recognised, opened, read and written."""

@@ -1,0 +1,1 @@
+"""Whole recordings: tracked both ways, joined, filled and saved."""

@@ -1,0 +1,212 @@
+"""Fitting: limbs and spine of a joined body bend so that its joints reach their measured positions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bodysense.body.gaps import runs
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.reach import reach_all
+from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_multiply,
+    quaternion_rotate,
+    shortest_arc,
+    smooth_step,
+)
+
+Array = np.ndarray
+FADE_TIME = 0.25  # s in which a limb moves to its tracked position, and away from it
+STRAIGHT = 0.02  # m from the line of a limb to its middle joint; nearer ones do not determine how the limb is turned
+ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
+
+
+def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
+    """Bend limbs so that `measured` wrists, ankles, elbows and knees are at their points.
+
+    A limb bends in its plane. Hands and feet keep their world rotations. The corrections fade into the frames before
+    and after, so that the limb does not jump.
+
+    Args:
+        pose: (T,).
+        points: (T, P, 3) m, world: measured positions of tracked points, estimated positions of all others.
+        measured: (T, P) bool: points that are tracked.
+        seconds: time between frames.
+    """
+    skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
+    tips = {end: skeleton.index(end) for end in ENDS}
+    goals = {end: np.where(measured[:, [tip]], points[:, tip], position[:, tip]) for end, tip in tips.items()}
+    bent = reach_all(pose, goals)
+    rotation = np.array(pose.rotation)
+    for tip in tips.values():
+        for joint in (skeleton.parents[skeleton.parents[tip]], skeleton.parents[tip], tip):
+            rotation[measured[:, tip], joint] = bent.rotation[measured[:, tip], joint]
+    met = Pose(skeleton, pose.root_position, rotation.copy())
+    for tip in tips.values():
+        middle = skeleton.parents[tip]
+        seen, ends = measured[:, middle], measured[:, tip]
+        if seen.any():
+            angle = fade_offsets(_swivel(met, tip, points)[:, None], seen, seconds)[:, 0]
+            beside = ends & ~seen & (angle != 0)
+            _turn_about_limb(met[beside], tip, angle[beside], beside, rotation)
+            _turn_at_middle(met[seen], tip, points[seen], seen, rotation)
+        _fade_turns(pose, world, tip, seen | ends, seconds, rotation)
+    return Pose(skeleton, pose.root_position, rotation)
+
+
+def _fade_turns(pose: Pose, world: Array, tip: int, tracked: Array, seconds: float, rotation: Array) -> None:
+    """Fade the corrections of a limb from `tracked` (T,) frames into their neighbours, in local rotations (T, J, 4).
+
+    Turns fade, not positions: a nearly straight leg bends far for a small change of its length.
+    """
+    if tracked.all() or not tracked.any():
+        return
+    skeleton, middle = pose.skeleton, pose.skeleton.parents[tip]
+    first = skeleton.parents[middle]
+    joints = [first, middle]
+    before = np.asarray(pose.rotation)[:, joints]
+    turn = quaternion_log(quaternion_multiply(quaternion_conjugate(before), rotation[:, joints]))
+    turn = fade_offsets(np.asarray(turn).reshape(len(tracked), 6), tracked, seconds).reshape(-1, 2, 3)
+    beside = ~tracked & turn.any(axis=(1, 2))
+    local = quaternion_multiply(before[beside], quaternion_exp(turn[beside]))
+    above = quaternion_multiply(world[beside, skeleton.parents[first]], local[:, 0])
+    _set_limb(skeleton, tip, world[beside], above, quaternion_multiply(above, local[:, 1]), beside, rotation)
+
+
+def fade_offsets(offset: Array, measured: Array, seconds: float) -> Array:
+    """Extend offsets (T, N) of `measured` (T,) frames into the other frames, where they fade within `FADE_TIME`."""
+    found, count = np.where(measured[:, None], offset, 0.0), max(1, round(FADE_TIME / seconds))
+    for first, end in runs(~measured):
+        for frame, steps in ((first - 1, np.arange(1, end - first + 1)), (end, np.arange(end - first, 0, -1))):
+            if 0 <= frame < len(offset):
+                share = np.clip(steps / min(count, end - first + 1), 0.0, 1.0)
+                found[first:end] += (1 - smooth_step(share))[:, None] * offset[frame]
+    return found
+
+
+def _swivel(pose: Pose, tip: int, points: Array) -> Array:
+    """Return the angle (T,) rad in (-pi, pi] that turns a limb's middle joint to the side of its point (T, P, 3).
+
+    The axis is the line from the first joint to the end. The angle is 0 for a straight limb.
+    """
+    position, middle = np.asarray(forward_kinematics(pose)[0]), pose.skeleton.parents[tip]
+    start = position[:, pose.skeleton.parents[middle]]
+    axis = position[:, tip] - start
+    axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-9)
+    current, wanted = (
+        place - start - ((place - start) * axis).sum(axis=-1, keepdims=True) * axis
+        for place in (position[:, middle], points[:, middle])
+    )
+    bent = np.minimum(np.linalg.norm(current, axis=-1), np.linalg.norm(wanted, axis=-1)) > STRAIGHT
+    angle = np.arctan2((np.cross(current, wanted) * axis).sum(axis=-1), (current * wanted).sum(axis=-1))
+    return np.where(bent, angle, 0.0)
+
+
+def _turn_about_limb(pose: Pose, tip: int, angle: Array, where: Array, rotation: Array) -> None:
+    """Turn a limb about the line from first joint to end; writes local rotations (T, J, 4) of frames `where`."""
+    skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
+    middle = skeleton.parents[tip]
+    axis = position[:, tip] - position[:, skeleton.parents[middle]]
+    axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-9)
+    turn = quaternion_exp(angle[:, None] * axis)
+    above = quaternion_multiply(turn, world[:, skeleton.parents[middle]])
+    _set_limb(skeleton, tip, world, above, quaternion_multiply(turn, world[:, middle]), where, rotation)
+
+
+def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation: Array) -> None:
+    """Turn a limb so that middle and end reach their points; writes local rotations (T, J, 4) of frames `where`."""
+    skeleton = pose.skeleton
+    middle = skeleton.parents[tip]
+    first = skeleton.parents[middle]
+    position, world = (np.asarray(part) for part in forward_kinematics(pose))
+    start = position[:, first]
+    swung = shortest_arc(position[:, middle] - start, points[:, middle] - start)
+    upper = quaternion_rotate(swung, position[:, middle] - start)
+    lower = quaternion_rotate(swung, position[:, tip] - position[:, middle])
+    turned = shortest_arc(lower, points[:, tip] - start - upper)
+    above = quaternion_multiply(swung, world[:, first])
+    below = quaternion_multiply(turned, quaternion_multiply(swung, world[:, middle]))
+    _set_limb(skeleton, tip, world, above, below, where, rotation)
+
+
+def _set_limb(
+    skeleton: Skeleton, tip: int, world: Array, above: Array, below: Array, where: Array, rotation: Array
+) -> None:
+    """Set world rotations of a limb's bones and keep that of its end; writes local rotations of frames `where`."""
+    middle = skeleton.parents[tip]
+    first = skeleton.parents[middle]
+    parent = world[:, skeleton.parents[first]]
+    for joint, base, to in ((first, parent, above), (middle, above, below), (tip, below, world[:, tip])):
+        rotation[where, joint] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), to))
+
+
+def fit_trunk(pose: Pose, points: Array, measured: Array) -> Pose:
+    """Turn the spine to point from head to pelvis if both are `measured` and the chest is not.
+
+    The spine turns about the head as one piece. Head and pelvis keep their world rotations. The remaining error is the
+    difference between the length of the spine and the measured distance.
+
+    Args:
+        pose: (T,).
+        points: (T, P, 3) m, world.
+        measured: (T, P) bool: points that are tracked.
+    """
+    skeleton = pose.skeleton
+    pelvis, head = skeleton.index("pelvis"), skeleton.index("head")
+    where = np.asarray(measured[:, pelvis] & measured[:, head] & ~measured[:, skeleton.index("spine3")])
+    if not where.any():
+        return pose
+    position, world = (np.asarray(part) for part in forward_kinematics(pose[where]))
+    rotation, root = np.array(pose.rotation), np.array(pose.root_position)
+    first, last = skeleton.index("spine1"), skeleton.parents[head]
+    hanging, rising = position[:, first] - position[:, head], position[:, first] - position[:, pelvis]
+    swung = shortest_arc(hanging, points[where, pelvis] + rising - points[where, head])
+    for joint, above, own in (
+        (first, world[:, pelvis], quaternion_multiply(swung, world[:, first])),
+        (head, quaternion_multiply(swung, world[:, last]), world[:, head]),
+    ):
+        rotation[where, joint] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(above), own))
+    root[where] = points[where, head] + quaternion_rotate(swung, hanging) - rising
+    return Pose(skeleton, root, rotation)
+
+
+def fit_hips(pose: Pose, points: Array, measured: Array, turned: Array, seconds: float) -> Pose:
+    """Move the pose (T,) so that both hips are at their points if they are `measured`.
+
+    Limbs bend as in `fit_limbs`. Collars turn to measured shoulders, and feet to measured balls.
+
+    Args:
+        pose: (T,).
+        points: (T, P, 3) m, world.
+        measured: (T, P) bool: points that are tracked.
+        turned: (T, P) bool: points whose rotation is tracked.
+        seconds: time between frames.
+    """
+    position = np.asarray(forward_kinematics(pose)[0])
+    hips = pose.skeleton.indices(["left_hip", "right_hip"])
+    seen = np.asarray(measured[:, hips].all(axis=1))
+    off = fade_offsets((points - position)[:, hips].mean(axis=1), seen, seconds)
+    pose = Pose(pose.skeleton, pose.root_position + off, pose.rotation)
+    for side in ("left", "right"):
+        pose = _aim_joint(pose, f"{side}_collar", f"{side}_shoulder", points, measured & ~turned)
+    position = np.asarray(forward_kinematics(pose)[0])
+    pose = fit_limbs(pose, np.where(measured[..., None], points, position), measured, seconds)
+    for side in ("left", "right"):
+        pose = _aim_joint(pose, f"{side}_ankle", f"{side}_foot", points, measured & ~turned)
+    return pose
+
+
+def _aim_joint(pose: Pose, joint: str, end: str, points: Array, measured: Array) -> Pose:
+    """Turn a joint so that its `end` points to its `measured` point (T, P, 3); the end keeps its world rotation."""
+    skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
+    first, last = skeleton.indices([joint, end])
+    where, rotation, above = measured[:, last], np.array(pose.rotation), world[:, skeleton.parents[first]]
+    swung = shortest_arc((position[:, last] - position[:, first])[where], (points[:, last] - position[:, first])[where])
+    own = quaternion_multiply(swung, world[where, first])
+    for k, base, to in ((first, above[where], own), (last, own, world[where, last])):
+        rotation[where, k] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), to))
+    return Pose(skeleton, pose.root_position, rotation)

@@ -1,0 +1,388 @@
+"""Whole recordings: `track` completes one with past and future, or like a live session, and returns a `Take`.
+
+A source becomes an Observation, the tracker completes it to an Estimate, and the Estimate becomes a Clip.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bodysense.body.hands.hand import glove_hands
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics, standing_pose
+from bodysense.body.skeleton import ARM
+from bodysense.devices.simulated.device import Device
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_to_matrix
+from bodysense.io.clip import Clip
+from bodysense.io.markers.options import is_marker_file
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
+from bodysense.io.resample import at_constant_rate
+from bodysense.observing.observation import Observation, check_world, concatenated_frames, observed_points
+from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
+from bodysense.sources.signals import Signal, refuse, signal_from
+from bodysense.takes.fitting import fit_hips
+from bodysense.takes.two_way import complete_both_ways, concatenate_estimates
+from bodysense.tracking.estimate import Estimate
+from bodysense.tracking.model import CompletionModel
+from bodysense.tracking.tracker import Tracker, TrackerSettings
+
+if TYPE_CHECKING:
+    from bodysense.io.formats.bvh_text import BvhFile
+    from bodysense.io.markers.gaps import FilledMarkers
+    from bodysense.sources.partial_motion import PartialMotion
+
+ANCHORS = ("head", "pelvis")  # points that keep their measured position if proportions change, in order of preference
+_FRAMES = 60  # frames in one call, between two reports of progress
+_BLOCK = 1000  # frames whose kinematics are computed at once
+_USUAL_RATE = 30.0  # Hz, assumed for a single frame
+
+
+@dataclass(frozen=True, eq=False)
+class Take:
+    """A completed recording."""
+
+    clip: Clip  # at a constant rate, on the proportions inferred at the end
+    estimate: Estimate  # of every tracked frame; of markers, if not causal, with the pose of `clip`
+    person: Person  # the wearer, as inferred at the end
+    time: np.ndarray  # (T,) s of the estimate's frames
+    partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
+    source: Path | None = None  # the BVH file that was tracked, if it was one
+    reading: ReadingOptions = AS_FOUND  # its options
+    file: BvhFile | None = None  # the same with its holes filled
+    markers: MarkerSource | None = None  # the marker file that was tracked, if it was one
+    remarks: tuple[str, ...] = ()  # warnings: dropped labels, guessed limbs, a known height that was released
+
+    def __repr__(self) -> str:
+        error = 100 * self.estimate.confidence.mean()
+        return f"Take({self.clip!r}, {self.person!r}, expected error {error:.1f} cm)"
+
+    def save(self, path: str | Path, rig: str | Path | None = None) -> None:
+        """Write the motion as .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
+
+        A take of markers is also written as the kind of file that was tracked (.trc, .c3d, .tsv, .csv): the same file
+        with the gaps of its markers filled.
+
+        Args:
+            path: output file; its ending determines the format.
+            rig: target rig: one of `RIGS`, or a BVH file. 'source' is the rig of the tracked BVH file; if its holes
+                were filled, it is the file itself with filled holes. If omitted: 'source' if a BVH file of a whole
+                body was filled and the output is BVH, else our own rig.
+
+        Raises BodysenseError for an unknown rig. Raises it also for a complete BVH file whose unit, axis, floor or
+        height was given, because its copy would not change, and for a filled BVH file whose height was given.
+        """
+        path = Path(path)
+        if is_marker_file(path):
+            check_marker_output(path, self.markers, rig)
+            assert self.markers is not None and self.markers.found is not None
+            from bodysense.io.markers.filled import write_filled
+
+            done = self.filled_markers
+            world, raw = self.markers.found.world, self.markers.found.raw
+            write_filled(self.markers.path, path, raw, world.to_file(done.position), done.filled)
+            return
+        from bodysense.io.motion_files import write_motion
+        from bodysense.io.target_rigs.named import OWN, SOURCE, check_rig
+        from bodysense.io.target_rigs.own_rig import write_on_rig_of
+
+        if rig is None:
+            rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" and not self.clip.lacks else OWN
+        check_rig(path, rig, self.source)
+        if rig == SOURCE and self.file is not None:
+            is_whole = self.partial is not None and self.partial.is_whole
+            if is_whole and (given := self.reading.for_the_world()):
+                raise BodysenseError(
+                    f"{self.source}: nothing is missing, and its own rig keeps the file's size and axes, so "
+                    f"{', '.join(given)} would change nothing; leave that out, or write it with --rig bodysense"
+                )
+            if self.reading.height is not None:
+                raise BodysenseError(
+                    f"{self.source}: its own rig keeps the file's size, so --height {self.reading.height:g} would not "
+                    "change the body's; leave that out, or write it with --rig bodysense"
+                )
+            self.file.write(path)
+        elif rig == SOURCE and self.source is not None:
+            write_on_rig_of(path, self.clip, self.source, self.reading)
+        else:
+            write_motion(path, replace(self.clip, name=path.stem), rig)
+
+    @cached_property
+    def filled_markers(self) -> FilledMarkers:
+        """Fill the gaps of the markers that were tracked. Raises BodysenseError for a take of anything else."""
+        if self.markers is None or self.markers.found is None:
+            raise BodysenseError("this take is of no labelled markers; track a .c3d, .trc, .tsv or .csv file of them")
+        from bodysense.io.markers.filled import fillable
+        from bodysense.io.markers.gaps import fill_markers
+
+        raw, world = self.markers.found.raw, self.markers.found.world
+        pose = self.estimate.pose
+        rotation = quaternion_to_matrix(np.asarray(forward_kinematics(pose)[1]))
+        count = len(pose.skeleton.joints)
+        joint, error = self.estimate.points[:, :count], self.estimate.confidence[:, :count]
+        done = fill_markers(world.to_ours(raw.position), joint, rotation, error, raw.frame_rate)
+        return replace(done, filled=done.filled & fillable(raw))
+
+
+def check_marker_output(path: Path, markers: MarkerSource | None, rig: str | Path | None = None) -> None:
+    """Raise BodysenseError, before any work, if a marker file cannot be written for the tracked source."""
+    if markers is None or markers.found is None:
+        raise BodysenseError(
+            f"{path}: only a file of labelled markers comes back as markers; give a name that ends in .bvh or .glb"
+        )
+    if rig is not None:
+        raise BodysenseError(f"{path}: --rig {rig}: markers have no rig; leave --rig out")
+    from bodysense.io.markers.filled import check_fillable
+
+    check_fillable(markers.path, path, markers.found.raw)
+
+
+def track(
+    source: Source,
+    *,
+    device: str | Device | None = None,
+    missing: str | Sequence[str] = (),
+    person: Person | None = None,
+    height: float | None = None,
+    noise: int | None = None,
+    settings: TrackerSettings = TrackerSettings(),
+    network: CompletionModel | None = None,
+    reading: ReadingOptions = AS_FOUND,
+    follow: int | None = None,
+    roll: float | None = None,
+    causal: bool = False,
+    advance: Callable[[int, int], None] = lambda done, frames: None,
+) -> Take:
+    """Complete a whole recording with its past and its future.
+
+    Args:
+        source: a file (a recording, a motion, markers, a video), a folder of images, a Clip, Observation or Recording
+            in memory, or what `open_source` opened.
+        device: motions: simulated device that tracks the motion, by name or as a `Device` (an object with a method
+            `observe`). Without a device, holes of the motion are filled and known frames are kept; a complete motion is
+            returned unchanged.
+        missing: motions: missing joints, by the motion's names or ours: "left_hand"; "LeftForeArm+" with all its
+            descendants; "left_hand:100-240" in some frames (from 0, both ends included). NaN values are missing, too.
+            If omitted, limbs of a BVH file are also missing if their values are constant for half a second while the
+            body moves.
+        person: known properties of the wearer. If omitted: the body of the recording or motion, or the likeliest adult,
+            whose proportions are inferred, if that is unknown.
+        height: height of the wearer in metres, instead of a person; other proportions are inferred.
+        noise: random seed of the errors of a simulated device; it tracks exactly if omitted.
+        settings: floor, whether feet are held, whether proportions are inferred.
+        network: completion network; the packaged ones, one for each direction in time, if omitted.
+        reading: facts that the source omits: unit and upward axis; of a motion also floor and joints.
+        follow: videos: number of the person to follow; people are numbered from left to right when they are first
+            seen. The largest person if omitted.
+        roll: videos: degrees by which upright things lean to the right in the picture; estimated from the standing
+            person if omitted.
+        causal: complete each frame only from the frames before it, exactly like a live session. Holes of a motion are
+            filled in the same way, and may end with a step. Bodies of optical markers are not moved to their hips.
+        advance: called with the number of done frames, and of all.
+
+    Raises BodysenseError, naming the source and the fix, for sources that cannot be tracked.
+    """
+    opened = open_source(source, reading)
+    completion = _Completion(settings, network, causal, advance)
+    if isinstance(opened, MotionSource) and device is None:
+        kind = "a motion whose holes are filled, which has a body of its own"
+        refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
+        take = _fill_take(opened.with_holes(missing), completion)
+        return replace(take, source=opened.bvh, reading=opened.options)
+    if missing not in ((), []):
+        other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
+        raise BodysenseError(f"{opened.name}: --missing is for a motion that no device watches; {other}")
+    if isinstance(opened, RecordingSource):
+        seen, given = opened.recording.observation, opened.options
+        check_world(seen, opened.name, unit=given.unit, up=given.up, floor=settings.floor)
+    signal = signal_from(opened, device=device, person=person, height=height, noise=noise, follow=follow, roll=roll)
+    try:
+        take = _track_signal(signal, completion, opened if isinstance(opened, MarkerSource) else None)
+    except BodysenseError as error:
+        text = str(error)
+        raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
+    if isinstance(opened, MotionSource):
+        return replace(take, source=opened.bvh, reading=opened.options)
+    return take
+
+
+@dataclass(frozen=True, eq=False)
+class _Completion:
+    """Options of the completion; fields as the arguments of `track`."""
+
+    settings: TrackerSettings
+    network: CompletionModel | None
+    causal: bool
+    advance: Callable[[int, int], None]
+
+
+def _fill_take(partial: PartialMotion, completion: _Completion) -> Take:
+    """Fill the holes of a motion."""
+    from bodysense.takes.filling import check_causal, fill_motion, known_points, pose_of, with_missing_limbs
+
+    clip = partial.clip
+    if completion.causal:
+        check_causal(partial)
+    take = _track_signal(Signal(clip.name, known_points(partial), Person(clip.pose.skeleton)), completion)
+    partial = with_missing_limbs(partial, take.estimate.pose)
+    rotation = fill_motion(partial, take.estimate, completion.settings.floor, causal=completion.causal)
+    file = None if partial.file is None else partial.file.with_rotation(rotation, partial.missing)
+    whole = clip if partial.is_whole else replace(clip, pose=pose_of(partial, rotation))
+    return replace(take, clip=whole, partial=partial, file=file)
+
+
+def _track_signal(signal: Signal, completion: _Completion, markers: MarkerSource | None = None) -> Take:
+    observation, settings = signal.observation, completion.settings
+    interval = _interval(observation, settings)
+    _check_height(observation, settings.floor)
+    if not signal.infer:
+        completion = replace(completion, settings=replace(settings, infer=False))
+    estimate, believed = _complete(observation, signal.person, completion, interval)
+    pose = pose_on(estimate, believed)
+    if markers is not None and not completion.causal:
+        fitted = _fit_to_markers(pose, observation, markers, interval)
+        if fitted is not pose:
+            pose, estimate = fitted, _with_pose(estimate, fitted, observation)
+    clip, warnings = Clip(signal.name, pose, 1 / interval), _height_warnings(signal.person, believed)
+    if markers is not None:
+        warnings += markers.warnings
+    at_rate = at_constant_rate(clip, observation.time)
+    return Take(at_rate, estimate, believed, observation.time, markers=markers, remarks=warnings)
+
+
+def _height_warnings(known: Person, believed: Person) -> tuple[str, ...]:
+    """Return a line about a known height that the tracker released because the head was too high; else nothing."""
+    if known.height is None or believed.height is not None:
+        return ()
+    return (
+        f"the head is higher than a height of {known.height.value:.2f} m allows: the height is inferred instead, "
+        f"{believed.stature:.2f} m; give another height or none",
+    )
+
+
+def _fit_to_markers(pose: Pose, observation: Observation, markers: MarkerSource, interval: float) -> Pose:
+    """Fit the pose of a body of markers to its hips, unless the head is more certain, and let unknown arms hang.
+
+    The tracker keeps the head at its measured position. If that is a guess, pelvis and legs would be lifted. It was
+    not trained on markers of legs alone, for which it would raise the arms.
+    """
+    points, _, measured, turned = observed_points(observation, pose.skeleton)
+    error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
+    if {"head", "left_hip", "right_hip"} <= set(error) and error["head"] >= error["left_hip"]:
+        pose = fit_hips(pose, points, measured, turned, interval)
+    if markers.found is not None and markers.found.arms_hang:
+        rotation, skeleton = np.array(pose.rotation), pose.skeleton
+        arms = skeleton.indices([f"{side}_{part}" for side in ("left", "right") for part in ARM])
+        rotation[:, arms] = standing_pose(skeleton).rotation[arms]
+        pose = replace(pose, rotation=rotation)
+    return pose
+
+
+def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Estimate:
+    """Replace the pose of an estimate; expected errors are at least the distance from measured positions."""
+    points, (seen, _, measured, _) = (
+        np.asarray(forward_kinematics(pose)[0]),
+        observed_points(observation, pose.skeleton),
+    )
+    off = np.where(measured, np.linalg.norm(np.where(measured[..., None], seen - points, 0.0), axis=-1), 0.0)
+    return replace(
+        estimate,
+        pose=pose,
+        points=points,
+        confidence=np.maximum(estimate.confidence, off),
+        bound=np.maximum(estimate.bound, off),
+        rest_offset=np.broadcast_to(pose.skeleton.rest_offset, estimate.rest_offset.shape).copy(),
+    )
+
+
+def _complete(
+    observation: Observation, person: Person, completion: _Completion, interval: float
+) -> tuple[Estimate, Person]:
+    """Return the completed body, and the person as inferred at the end; if causal, exactly like a live session."""
+    if not completion.causal:
+        has_gloves = bool(glove_hands(observation.points))
+        points = concatenated_frames(list(_body_points(observation, person))) if has_gloves else observation
+        return complete_both_ways(points, person, completion.network, completion.settings, interval, completion.advance)
+    tracker = Tracker(person, network=completion.network, settings=completion.settings)
+    state = tracker.start()
+
+    def parts() -> Iterator[Estimate]:
+        nonlocal state
+        done = 0
+        for frames in _body_points(observation, person):
+            estimate, state = tracker.step(frames, state)
+            yield estimate
+            done += len(frames)
+            completion.advance(done, len(observation))
+
+    return concatenate_estimates(parts(), len(observation)), state.person()
+
+
+def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:
+    """Yield the points of the body, some frames at a time; markers of gloves become joints of hands."""
+    parts = [observation[k : k + _FRAMES] for k in range(0, len(observation), _FRAMES)]
+    if not glove_hands(observation.points):
+        yield from parts
+        return
+    from bodysense.devices.gloves.device import check_calibrated, glove_device, gloved_sides
+
+    sides = gloved_sides(observation.points)
+    check_calibrated(observation.points, sides, person.hands)
+    gloves = glove_device(person.skeleton, sides, calibrated=person.hands)
+    state = gloves.start()
+    for part in parts:
+        joints, state = gloves.step(part, state)
+        yield joints
+
+
+def _interval(observation: Observation, settings: TrackerSettings) -> float:
+    """Return the median seconds between frames. Raises BodysenseError if they are too far apart for one motion."""
+    if len(observation) < 2:
+        return 1 / _USUAL_RATE
+    interval = float(np.median(np.diff(observation.time)))
+    if interval > settings.longest_gap:
+        raise BodysenseError(
+            f"its frames are {interval:g} s apart ({1 / interval:.3g} Hz), too far for one motion; give at least "
+            f"{1 / settings.longest_gap:g} Hz, or times in seconds"
+        )
+    return interval
+
+
+def _check_height(observation: Observation, floor: float) -> None:
+    """Raise BodysenseError if the head is below the floor."""
+    if "head" not in observation.points:
+        return
+    head = observation.points.index("head")
+    height = observation.position[observation.has_position[:, head], head, 1]
+    highest = float(np.percentile(height, 95)) - floor if height.size else 1.0
+    if highest < 0:
+        raise BodysenseError(
+            f"the head is {-highest:.2f} m below the floor, which is y = {floor:g}; give positions over it, or the "
+            "floor's height with --floor"
+        )
+
+
+def pose_on(estimate: Estimate, person: Person) -> Pose:
+    """Return the pose of an estimate on the skeleton of a person, which may have other proportions.
+
+    Rotations are unchanged. The root is placed so that the head keeps its measured position; without a tracked head
+    the pelvis, else the point that was tracked in most frames.
+    """
+    skeleton, pose = person.skeleton, estimate.pose
+    if (estimate.rest_offset == skeleton.rest_offset).all():
+        return Pose(skeleton, pose.root_position, pose.rotation)
+    share = estimate.measured.mean(axis=0)
+    tracked = [name for name in ANCHORS if share[skeleton.index(name)] > 0]
+    anchor = skeleton.index(tracked[0]) if tracked else int(share.argmax())  # nothing tracked: the root, which is first
+    root = estimate.points[:, anchor].copy()
+    for k in range(0, len(root), _BLOCK):
+        rotation = pose.rotation[k : k + _BLOCK]
+        moved = Pose(skeleton, np.zeros((len(rotation), 3)), rotation)
+        root[k : k + _BLOCK] -= np.asarray(forward_kinematics(moved)[0])[:, anchor]
+    return Pose(skeleton, root, pose.rotation)

@@ -1,0 +1,292 @@
+"""Completion with past and future: a recording is tracked forward and backward in time, and both passes are joined.
+
+one pass infers the person → short gaps are bridged
+→ windows: forward pass, continued from the window before | backward pass, from some seconds later
+→ joined → limbs fitted to measured points → feet on the floor → crossfade between windows
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from bodysense.body.person import Person
+from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, smooth_step
+from bodysense.observing.observation import Observation, observed_points
+from bodysense.takes.bridging import LONGEST, bridge_gaps
+from bodysense.takes.feet import plant_feet
+from bodysense.takes.fitting import fit_limbs, fit_trunk
+from bodysense.takes.joining import future_share, keep_tracked_rotations, lead_to_returns, mean_rotation
+from bodysense.takes.joining_network import JoiningNetwork, PassPair, packaged_joining
+from bodysense.tracking.estimate import Estimate
+from bodysense.tracking.model import CompletionModel, packaged_model
+from bodysense.tracking.tracker import Tracker, TrackerSettings, TrackerState
+
+Array = np.ndarray
+WINDOW = 60.0  # s that are completed at a time
+BESIDE = 5.0  # s before and after a window that are completed with it; the backward pass warms up in those after
+_EASE = 1e-4  # s; points that are seen again are reached at once, and the rest of the body is still eased
+FADE = 1.0  # s of the crossfade between windows
+_FRAMES = 60  # frames in one call of the pass that infers the person
+_ARRAYS = ("points", "measured", "confidence", "bound", "contact", "rest_offset")
+
+
+@dataclass(frozen=True, eq=False)
+class TwoWayTracker:
+    """Completes whole recordings of one person with fixed proportions.
+
+    Omitted networks are the packaged ones. If only `network` is given, it serves both directions.
+    """
+
+    person: Person
+    network: CompletionModel | None
+    settings: TrackerSettings
+    backward_network: CompletionModel | None = None
+    joining: JoiningNetwork | None = None
+
+    @cached_property
+    def tracker(self) -> Tracker:
+        """The tracker of the forward pass: points that are seen again are reached at once."""
+        return Tracker(self.person, self.network, replace(self.settings, infer=False, ease=_EASE))
+
+    @cached_property
+    def backward_tracker(self) -> Tracker:
+        """The tracker of the backward pass."""
+        network = self.backward_network or self.network or packaged_model(backward=True)
+        return Tracker(self.person, network, replace(self.settings, infer=False, ease=_EASE))
+
+    def complete(
+        self, observation: Observation, seconds: float, advance: Callable[[int], None] = lambda frames: None
+    ) -> Estimate:
+        """Complete a recording (T, P) with frames `seconds` apart; `advance` gets the number of newly done frames."""
+        ends = np.flatnonzero(np.diff(observation.time) > self.settings.longest_gap) + 1
+        spans = zip([0, *ends.tolist()], [*ends.tolist(), len(observation)], strict=True)
+        parts = (part for a, b in spans for part in self._windows(observation[a:b], seconds, advance))
+        return concatenate_estimates(parts, len(observation), self.person.skeleton.rest_offset)
+
+    def _windows(self, observation: Observation, seconds: float, advance: Callable[[int], None]) -> Iterator[Estimate]:
+        """Yield estimates of consecutive frames of a recording without gaps, a window at a time."""
+        frames, size, beside = len(observation), round(WINDOW / seconds), round(BESIDE / seconds)
+        half, state, forward, before = round(FADE / seconds / 2), self.tracker.start(), None, None
+        for begin in range(0, frames, size):
+            end = begin + size if begin + size + beside < frames else frames
+            first, last = max(begin - beside, 0), min(end + beside, frames)
+            margin = round(LONGEST / seconds) + 2  # frames around a window that bridging needs
+            start = max(first - margin, 0)
+            seen = bridge_gaps(observation[start : last + margin], seconds)[first - start : last - start]
+            forward, state = self._forward(seen, forward, state)
+            joined = self.joined(forward, self.backward(seen), self.turned(seen), seconds)
+            lead = 0 if begin == 0 else half
+            part = estimate_frames(joined, slice(begin - lead - first, min(end + half, frames) - first))
+            if before is not None:
+                part = crossfade(before, part, 2 * lead)
+            stop = len(part.contact) - (2 * half if end < frames else 0)
+            tracked = observation[begin - lead : begin - lead + stop]
+            yield replace(
+                estimate_frames(part, slice(stop)), measured=observed_points(tracked, self.person.skeleton)[2]
+            )
+            advance(stop)
+            before = estimate_frames(part, slice(stop, None))
+            if end == frames:
+                return
+
+    def _forward(self, seen: Observation, known: Estimate | None, state: TrackerState) -> tuple[Estimate, TrackerState]:
+        """Return the forward pass of a window; `known` has the frames before the state."""
+        if known is None:
+            return self.tracker.step(seen, state)
+        overlap = int(np.searchsorted(seen.time, state.time(), side="right"))
+        kept = estimate_frames(known, slice(len(known.contact) - overlap, None))
+        more, state = self.tracker.step(seen[overlap:], state)
+        return concatenate_estimates([kept, more], len(seen)), state
+
+    def backward(self, observation: Observation) -> Estimate:
+        """Return the backward pass, in the order of the frames."""
+        estimate, _ = self.backward_tracker.step(reverse_time(observation), self.backward_tracker.start())
+        return estimate_frames(estimate, slice(None, None, -1))
+
+    def turned(self, observation: Observation) -> Array:
+        """Return the joints (T, J) whose rotation is tracked."""
+        skeleton = self.person.skeleton
+        return np.asarray(observed_points(observation, skeleton)[3])[:, : len(skeleton.joints)]
+
+    def passes(self, forward: Estimate, backward: Estimate, turned: Array, seconds: float) -> PassPair:
+        """Return both passes of the same frames, `seconds` apart, each leading to points that are seen again."""
+        skeleton, measured = forward.pose.skeleton, forward.measured
+        head = skeleton.index("head")
+        past = _pose_at_head(
+            skeleton, *lead_to_returns(forward.pose.rotation, forward.points[:, head], measured, seconds)
+        )
+        rotation, place = lead_to_returns(
+            backward.pose.rotation[::-1], backward.points[::-1, head], measured[::-1], seconds
+        )
+        future = _pose_at_head(skeleton, rotation[::-1], place[::-1])
+        return PassPair(
+            skeleton=skeleton,
+            past=np.asarray(past[0].rotation),
+            future=np.asarray(future[0].rotation),
+            past_points=past[1],
+            future_points=future[1],
+            past_error=forward.confidence,
+            future_error=backward.confidence,
+            past_bound=forward.bound,
+            future_bound=backward.bound,
+            past_contact=forward.contact,
+            future_contact=backward.contact,
+            share=future_share(forward.confidence, backward.confidence, seconds),
+            measured=measured,
+            turned=turned,
+            floor=self.settings.floor,
+            seconds=seconds,
+        )
+
+    def joined(self, forward: Estimate, backward: Estimate, turned: Array, seconds: float) -> Estimate:
+        """Join both passes of frames, `seconds` apart; joints that are `turned` (T, J) keep their tracked rotation."""
+        passes = self.passes(forward, backward, turned, seconds)
+        skeleton, measured = passes.skeleton, passes.measured
+        head, pelvis, share = skeleton.index("head"), skeleton.index("pelvis"), passes.share[:, None, None]
+        between = (1 - share) * passes.past_points + share * passes.future_points
+        points = np.where(measured[..., None], (forward.points + backward.points) / 2, between)
+        found = (self.joining or packaged_joining())(passes)
+        rotation = mean_rotation(passes.past, passes.future, found.share[..., None])
+        rotation = quaternion_multiply(rotation, quaternion_exp(found.turn))
+        world = mean_rotation(*(np.asarray(forward_kinematics(one.pose)[1]) for one in (forward, backward)))
+        rotation = keep_tracked_rotations(skeleton, rotation, world, turned)
+        pose, position = _pose_at_head(skeleton, rotation, points[:, head])
+        by_pelvis = measured[:, [pelvis]] & ~measured[:, [head]]
+        off = np.where(by_pelvis, points[:, pelvis] - position[:, pelvis], 0.0)
+        pose = fit_trunk(replace(pose, root_position=pose.root_position + off), points, measured)
+        pose = fit_limbs(
+            pose, np.where(measured[..., None], points, np.asarray(forward_kinematics(pose)[0])), measured, seconds
+        )
+        contact = (1 - share[..., 0]) * forward.contact + share[..., 0] * backward.contact
+        if self.settings.hold_feet:
+            pose = plant_feet(pose, contact, measured, turned, self.settings.floor, seconds)
+        return Estimate(
+            pose=pose,
+            points=np.asarray(forward_kinematics(pose)[0]),
+            measured=measured,
+            confidence=found.error,
+            bound=found.bound,
+            contact=contact,
+            rest_offset=forward.rest_offset,
+        )
+
+
+def complete_both_ways(
+    observation: Observation,
+    person: Person,
+    network: CompletionModel | None,
+    settings: TrackerSettings,
+    seconds: float,
+    advance: Callable[[int, int], None] = lambda done, frames: None,
+    backward_network: CompletionModel | None = None,
+    joining: JoiningNetwork | None = None,
+) -> tuple[Estimate, Person]:
+    """Complete a recording (T, P) with past and future; return the estimate and the person as inferred at its end.
+
+    Args:
+        observation: points of the body, without gloves.
+        person: known properties of the wearer.
+        network: completion network; the packaged ones, one for each direction, if omitted.
+        settings: floor, whether feet are held, whether proportions are inferred.
+        seconds: time between frames.
+        advance: called with the number of done frames, and of all.
+        backward_network: completion network of the backward pass; `network` if omitted.
+        joining: network that joins both passes; the packaged one if omitted.
+    """
+    frames, done = len(observation), 0
+    infers = settings.infer and bool(person.bone_deviation.any() or person.mounts)
+    passes = 3 if infers else 2
+
+    def advance_by(more: int) -> None:
+        nonlocal done
+        done += more
+        advance(done // passes, frames)
+
+    if infers:
+        person = infer_person(observation, person, network, settings, advance_by)
+    tracker = TwoWayTracker(person, network, settings, backward_network, joining)
+    return tracker.complete(observation, seconds, lambda more: advance_by(2 * more)), person
+
+
+def infer_person(
+    observation: Observation,
+    person: Person,
+    network: CompletionModel | None,
+    settings: TrackerSettings,
+    advance: Callable[[int], None] = lambda frames: None,
+) -> Person:
+    """Infer unknown properties of a person in one pass over all frames."""
+    tracker = Tracker(person, network, settings)
+    state = tracker.start()
+    for first in range(0, len(observation), _FRAMES):
+        part = observation[first : first + _FRAMES]
+        _, state = tracker.step(part, state)
+        advance(len(part))
+    return state.person()
+
+
+def reverse_time(observation: Observation) -> Observation:
+    """Reverse a recording (T, P) in time. Accelerations keep their sign."""
+
+    def flip(values: Array) -> Array:
+        return np.ascontiguousarray(values[::-1])
+
+    names = ("position", "rotation", "has_position", "has_rotation", "accuracy")
+    acceleration = None if observation.acceleration is None else flip(observation.acceleration)
+    arrays = {name: flip(getattr(observation, name)) for name in names}
+    return replace(observation, **arrays, acceleration=acceleration, time=flip(-observation.time))
+
+
+def estimate_frames(estimate: Estimate, frames: slice) -> Estimate:
+    """Return some frames of an estimate (T,)."""
+    arrays = {name: getattr(estimate, name)[frames] for name in _ARRAYS}
+    return replace(estimate, pose=estimate.pose[frames], **arrays)
+
+
+def concatenate_estimates(parts: Iterable[Estimate], frames: int, rest_offset: Array | None = None) -> Estimate:
+    """Concatenate consecutive estimates of `frames` frames in all, copying one part at a time.
+
+    `rest_offset` (P, 3) m is the offset of every frame, if it is fixed. It is stored once.
+    """
+    names = [name for name in _ARRAYS if name != "rest_offset" or rest_offset is None]
+    whole: dict[str, Array] = {}
+    done, skeleton = 0, None
+    for part in parts:
+        arrays = {name: getattr(part, name) for name in names}
+        arrays |= {"root_position": part.pose.root_position, "rotation": part.pose.rotation}
+        for name, values in arrays.items():
+            if not done:
+                whole[name] = np.empty((frames, *values.shape[1:]), values.dtype)
+            whole[name][done : done + len(values)] = values
+        done, skeleton = done + len(part.contact), part.pose.skeleton
+    assert skeleton is not None
+    if rest_offset is not None:
+        whole["rest_offset"] = np.broadcast_to(rest_offset, (frames, *rest_offset.shape))
+    return Estimate(Pose(skeleton, whole.pop("root_position"), whole.pop("rotation")), **whole)
+
+
+def crossfade(before: Estimate, after: Estimate, frames: int) -> Estimate:
+    """Fade the first frames of an estimate from another estimate of the same frames to its own."""
+    share = smooth_step((np.arange(frames) + 1) / (frames + 1))
+    pose, old = after.pose, before.pose
+    rotation, root = np.array(pose.rotation), np.array(pose.root_position)
+    rotation[:frames] = mean_rotation(old.rotation[:frames], pose.rotation[:frames], share[:, None, None])
+    root[:frames] += (1 - share)[:, None] * (old.root_position[:frames] - pose.root_position[:frames])
+    pose = Pose(pose.skeleton, root, rotation)
+    points = np.array(after.points)
+    points[:frames] = np.asarray(forward_kinematics(pose[:frames])[0])
+    return replace(after, pose=pose, points=points)
+
+
+def _pose_at_head(skeleton: Skeleton, rotation: Array, head: Array) -> tuple[Pose, Array]:
+    """Return the pose of local rotations (T, J, 4) with its head at positions (T, 3) m, and its points (T, P, 3) m."""
+    origin = Pose(skeleton, np.zeros_like(head), rotation)
+    position = np.asarray(forward_kinematics(origin)[0])
+    root = head - position[:, skeleton.index("head")]
+    return replace(origin, root_position=root), position + root[:, None]

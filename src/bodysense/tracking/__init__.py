@@ -1,0 +1,1 @@
+"""The tracker: observations in, whole bodies out, by the compiled core."""

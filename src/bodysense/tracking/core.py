@@ -1,0 +1,386 @@
+"""Python interface of the C core: `bodysense.h` by ctypes, with NumPy arrays. Calls release the GIL."""
+
+from __future__ import annotations
+
+import ctypes
+import threading
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from bodysense.body.person import SENSOR, Person
+from bodysense.body.skeleton import default_skeleton
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rigid import RigidTransform
+from bodysense.observing.observation import Observation
+
+VERSION = 1  # BS_VERSION of the header that this module mirrors
+POINTS, JOINTS, CONTACTS, LENGTHS = 65, 52, 4, 32
+ALIGNMENT = 64  # bytes
+OK, STATE_FOREIGN, TIME_DISORDERED = 0, 6, 7
+LIBRARIES = {"win32": "_core.dll", "darwin": "_core.dylib"}  # by `sys.platform`; else _core.so
+
+_Pointer, _Size = ctypes.c_void_p, ctypes.c_size_t
+
+
+class Length(ctypes.Structure):
+    """`bs_length`."""
+
+    _fields_ = [
+        ("start", ctypes.c_int32),
+        ("end", ctypes.c_int32),
+        ("value", ctypes.c_double),
+        ("deviation", ctypes.c_double),
+    ]
+
+
+class Mount(ctypes.Structure):
+    """`bs_mount`."""
+
+    _fields_ = [
+        ("worn", ctypes.c_uint8),
+        ("rotation_only", ctypes.c_uint8),
+        ("translation", ctypes.c_double * 3),
+        ("rotation", ctypes.c_double * 4),
+    ]
+
+
+class PersonStruct(ctypes.Structure):
+    """`bs_person`."""
+
+    _fields_ = [
+        ("rest_offset", ctypes.c_double * 3 * POINTS),
+        ("deviation", ctypes.c_double * POINTS),
+        ("height", ctypes.c_double),
+        ("height_deviation", ctypes.c_double),
+        ("lengths", ctypes.c_int32),
+        ("length", Length * LENGTHS),
+        ("mount", Mount * JOINTS),
+    ]
+
+
+class SettingsStruct(ctypes.Structure):
+    """`bs_settings`."""
+
+    _fields_ = [
+        ("floor", ctypes.c_double),
+        ("ease", ctypes.c_double),
+        ("longest_gap", ctypes.c_double),
+        ("first", ctypes.c_double),
+        ("longest", ctypes.c_double),
+        ("hold_feet", ctypes.c_int32),
+        ("infer", ctypes.c_int32),
+    ]
+
+
+class ObservationStruct(ctypes.Structure):
+    """`bs_observation`."""
+
+    _fields_ = [
+        ("frames", ctypes.c_int32),
+        ("points", ctypes.c_int32),
+        ("point", _Pointer),
+        ("time", _Pointer),
+        ("position", _Pointer),
+        ("rotation", _Pointer),
+        ("has_position", _Pointer),
+        ("has_rotation", _Pointer),
+        ("accuracy", _Pointer),
+        ("acceleration", _Pointer),
+    ]
+
+
+# Members of `bs_estimate` with their shapes for one frame. All are doubles, except the bytes of `measured`.
+ESTIMATE: dict[str, tuple[int, ...]] = {
+    "root_position": (3,),
+    "rotation": (JOINTS, 4),
+    "points": (POINTS, 3),
+    "measured": (POINTS,),
+    "confidence": (POINTS,),
+    "bound": (POINTS,),
+    "contact": (CONTACTS,),
+    "rest_offset": (POINTS, 3),
+}
+
+_FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
+    "bs_version": (ctypes.c_int, ()),
+    "bs_message": (ctypes.c_char_p, (ctypes.c_int,)),
+    "bs_point_name": (ctypes.c_char_p, (ctypes.c_int,)),
+    "bs_model_size": (_Size, (_Pointer, _Size)),
+    "bs_model_open": (ctypes.c_int, (_Pointer, _Size, _Pointer, _Size, _Pointer)),
+    "bs_model_kernel": (ctypes.c_char_p, (_Pointer,)),
+    "bs_person_likeliest": (ctypes.c_int, (_Pointer, _Pointer)),
+    "bs_state_size": (_Size, (_Pointer,)),
+    "bs_state_start": (ctypes.c_int, (_Pointer, _Pointer, _Pointer, _Size, _Pointer)),
+    "bs_state_open": (ctypes.c_int, (_Pointer, _Pointer, _Size, _Pointer)),
+    "bs_state_time": (ctypes.c_double, (_Pointer,)),
+    "bs_state_person": (None, (_Pointer, _Pointer)),
+    "bs_state_contradicts_height": (ctypes.c_int, (_Pointer,)),
+    "bs_state_update_person": (ctypes.c_int, (_Pointer, _Pointer, _Pointer)),
+    "bs_scratch_size": (_Size, (_Pointer, ctypes.c_int)),
+    "bs_step": (
+        ctypes.c_int,
+        (_Pointer, _Pointer, ctypes.c_int, _Pointer, _Pointer, _Pointer, _Pointer, _Size, _Pointer),
+    ),
+}
+
+
+@lru_cache(maxsize=1)
+def library() -> ctypes.CDLL:
+    """Load the compiled core, once. Raises BodysenseError if it was not built or is of another version."""
+    import sys
+    from importlib.resources import as_file, files
+
+    name = LIBRARIES.get(sys.platform, "_core.so")
+    try:
+        with as_file(files("bodysense").joinpath(name)) as path:
+            loaded = ctypes.CDLL(str(path))
+    except OSError as error:
+        raise BodysenseError(
+            f"the compiled core {name} cannot be loaded ({error}); install bodysense with `pip install .`, or run "
+            "`python scripts/build_core.py` in a clone"
+        ) from None
+    for function, (result, arguments) in _FUNCTIONS.items():
+        found = getattr(loaded, function)
+        found.restype, found.argtypes = result, list(arguments)
+    if loaded.bs_version() != VERSION:
+        raise BodysenseError(
+            f"the compiled core {name} has version {loaded.bs_version()}, wanted {VERSION}; install bodysense again, "
+            "or run `python scripts/build_core.py` in a clone"
+        )
+    return loaded
+
+
+def message(result: int) -> str:
+    """Return the message of a result code of the core."""
+    return library().bs_message(result).decode()
+
+
+def empty(size: int) -> np.ndarray:
+    """Return bytes (size,) at an aligned address."""
+    memory = np.empty(size + ALIGNMENT, np.uint8)
+    start = -address(memory) % ALIGNMENT
+    return memory[start : start + size]
+
+
+def address(values: np.ndarray) -> int:
+    """Return the address of a contiguous, writable array; 0 if it is empty. Faster than `values.ctypes.data`."""
+    return ctypes.addressof(ctypes.c_char.from_buffer(values.data)) if values.size else 0
+
+
+def person_struct(person: Person) -> PersonStruct:
+    """Return a person as the core's struct. Raises BodysenseError for more lengths than it takes."""
+    if len(person.lengths) > LENGTHS:
+        raise BodysenseError(f"person: {len(person.lengths)} lengths are known; give at most {LENGTHS}")
+    skeleton, height = person.skeleton, person.height
+    one = PersonStruct(
+        height=np.nan if height is None else height.value,
+        height_deviation=np.nan if height is None else height.deviation,
+        lengths=len(person.lengths),
+    )
+    np.frombuffer(one.rest_offset)[:] = skeleton.rest_offset.ravel()
+    np.frombuffer(one.deviation)[:] = person.bone_deviation
+    for k, ((start, end), value) in enumerate(person.lengths.items()):
+        one.length[k] = Length(skeleton.index(start), skeleton.index(end), value.value, value.deviation)
+    for joint, mount in person.mounts.items():
+        if not joint.endswith(SENSOR):  # the core does not use mounts of inertial sensors
+            one.mount[skeleton.index(joint)] = Mount(1, 0, tuple(mount.translation), tuple(mount.rotation))
+    return one
+
+
+def believed_person(one: PersonStruct, person: Person) -> Person:
+    """Return a person with the core's current proportions and the other known properties of `person`."""
+    offset = np.frombuffer(one.rest_offset).reshape(POINTS, 3)
+    mounts = dict(person.mounts)
+    for joint in mounts:
+        if not joint.endswith(SENSOR):
+            mount = one.mount[default_skeleton().index(joint)]
+            mounts[joint] = RigidTransform(np.array(mount.translation), np.array(mount.rotation))
+    known: dict[str, Any] = {}
+    if not person.is_known:
+        known = {"height": None if np.isnan(one.height) else person.height, "lengths": person.lengths}
+    return Person(
+        person.skeleton.with_offsets(offset),
+        bone_deviation=np.frombuffer(one.deviation).copy(),
+        mounts=mounts,
+        hands=person.hands,
+        **known,
+    )
+
+
+class Model:
+    """A completion network, open in the core's memory. Threads may share it."""
+
+    def __init__(self, weights: bytes, name: str) -> None:
+        """Open the bytes of a weights file. Raises BodysenseError, beginning with `name`, for any other bytes."""
+        core = library()
+        size = core.bs_model_size(weights, len(weights))
+        self._memory, pointer = empty(size), _Pointer()
+        result = core.bs_model_open(weights, len(weights), address(self._memory), size, ctypes.byref(pointer))
+        if result != OK:
+            raise BodysenseError(f"{name}: {message(result)}")
+        self.pointer = pointer
+        self.state_size: int = core.bs_state_size(pointer)
+        self._scratch = threading.local()  # scratch memory of each thread
+
+    @property
+    def kernel(self) -> str:
+        """Name of the matrix kernel in use."""
+        return library().bs_model_kernel(self.pointer).decode()
+
+    def start(self, person: Person) -> np.ndarray:
+        """Return the state (N,) uint8 before the first frame of a person."""
+        memory = empty(self.state_size)
+        result = library().bs_state_start(
+            self.pointer, ctypes.byref(person_struct(person)), address(memory), len(memory), ctypes.byref(_Pointer())
+        )
+        if result != OK:
+            raise BodysenseError(f"person: {message(result)}")
+        return memory
+
+    def opened(self, stored: bytes) -> np.ndarray:
+        """Return a stored state. Raises BodysenseError for any other bytes, and for a state of another model."""
+        memory = empty(len(stored))
+        memory[:] = np.frombuffer(stored, np.uint8)
+        result = library().bs_state_open(self.pointer, address(memory), len(memory), ctypes.byref(_Pointer()))
+        if result != OK:
+            raise BodysenseError(f"tracker state: {message(result)}")
+        return memory
+
+    def person(self, state: np.ndarray, person: Person) -> Person:
+        """Return the person of a state as inferred so far; `person` is the one with whom it was started."""
+        one = PersonStruct()
+        library().bs_state_person(address(state), ctypes.byref(one))
+        return believed_person(one, person)
+
+    def updated(self, state: np.ndarray, person: Person) -> np.ndarray:
+        """Return the state with new known properties of its person."""
+        after = copied(state)
+        one = person_struct(person)
+        result = library().bs_state_update_person(self.pointer, address(after), ctypes.byref(one))
+        if result != OK:
+            raise BodysenseError(f"person: {message(result)}")
+        return after
+
+    def step(
+        self, settings: SettingsStruct, observations: Sequence[Observation], states: Sequence[np.ndarray]
+    ) -> tuple[int, int, dict[str, np.ndarray], tuple[np.ndarray, ...]]:
+        """Complete the next T frames of B people.
+
+        Returns a result code, the index of the person whom it concerns, arrays (B, T, …) of `ESTIMATE`, and new states.
+        """
+        people, frames = len(observations), len(observations[0])
+        structs, _keep = _observations(observations)
+        made, estimates = _estimates(people, frames)
+        after = tuple(empty(self.state_size) for _ in states)  # separate memory, because a session may keep one state
+        for k, (own, state) in enumerate(zip(after, states, strict=True)):
+            if len(state) != self.state_size:
+                return STATE_FOREIGN, k, made, tuple(states)
+            own[:] = state
+        scratch, refused = self._scratch_for(people), ctypes.c_int()
+        pointers = (_Pointer * people)(*map(address, after))
+        result = library().bs_step(
+            self.pointer,
+            ctypes.byref(settings),
+            people,
+            structs,
+            pointers,
+            estimates,
+            address(scratch),
+            len(scratch),
+            ctypes.byref(refused),
+        )
+        return result, refused.value, made, after
+
+    def _scratch_for(self, people: int) -> np.ndarray:
+        """Return scratch memory of this thread for a step of `people` people."""
+        own: np.ndarray | None = getattr(self._scratch, "memory", None)
+        size = library().bs_scratch_size(self.pointer, people)
+        if own is None or len(own) < size:
+            own = self._scratch.memory = empty(size)
+        return own
+
+
+def time_of(state: np.ndarray) -> float:
+    """Return the time (s) of the last frame of a state; NaN before the first."""
+    return library().bs_state_time(address(state))
+
+
+def contradicts_height(state: np.ndarray) -> bool:
+    """Whether the head was higher than the known height allows, so that the height is inferred now."""
+    return bool(library().bs_state_contradicts_height(address(state)))
+
+
+def copied(state: np.ndarray) -> np.ndarray:
+    """Return a copy of a state."""
+    memory = empty(len(state))
+    memory[:] = state
+    return memory
+
+
+def _observations(observations: Sequence[Observation]) -> tuple[ctypes.Array, list[np.ndarray]]:
+    """Return structs of observations (T, P, …), and the arrays to which they point, which must outlive them.
+
+    Values are packed into one array of each kind, because copying a frame is faster than getting its addresses.
+    """
+    values, masks, rows = [], [], []
+    for one in observations:
+        values += (one.time, one.position, one.rotation, one.accuracy)
+        if one.acceleration is not None:
+            values.append(one.acceleration)
+        masks += (one.has_position, one.has_rotation)
+    numbers = np.concatenate(values, axis=None, dtype=np.float64, casting="unsafe")
+    known = np.concatenate(masks, axis=None, dtype=np.bool_, casting="unsafe")
+    keep, number, flag = [numbers, known], address(numbers), address(known)
+    for one in observations:
+        frames, points = one.has_position.shape
+        count, point = frames * points, point_indices(one.points)
+        time, position = number, number + 8 * frames
+        rotation = position + 24 * count
+        accuracy = rotation + 32 * count
+        number, acceleration = accuracy + 8 * count, None
+        if one.acceleration is not None:
+            number, acceleration = number + 24 * count, number
+        fields = (address(point), time, position, rotation, flag, flag + count, accuracy, acceleration)
+        rows.append(ObservationStruct(frames, points, *fields))
+        flag += 2 * count
+        keep.append(point)
+    return (ObservationStruct * len(rows))(*rows), keep
+
+
+def _estimates(people: int, frames: int) -> tuple[dict[str, np.ndarray], ctypes.Array]:
+    """Return arrays (B, T, …) by the names of `ESTIMATE`, and `bs_estimate` structs, 8 pointers each, to them."""
+    parts, starts, size = _layout(frames)
+    memory = np.empty((people, size), np.uint8)
+    made = {
+        name: np.ndarray((people, *shape), kind, memory, start, (size, *strides))
+        for name, kind, start, shape, strides in parts
+    }
+    first = address(memory)
+    pointers = [row + start for row in range(first, first + people * size, size) for start in starts]
+    return made, (_Pointer * len(pointers))(*pointers)
+
+
+_Part = tuple[str, type, int, tuple[int, ...], tuple[int, ...]]
+
+
+@lru_cache(maxsize=16)
+def _layout(frames: int) -> tuple[list[_Part], list[int], int]:
+    """Return the members of `ESTIMATE` in the memory of T frames, their starts, and the bytes of that memory.
+
+    A part is a name, kind, start (bytes), shape (T, …) and strides (bytes).
+    """
+    parts, size = [], 0
+    for name, shape in ESTIMATE.items():
+        like = np.empty((frames, *shape), np.bool_ if name == "measured" else np.float64)
+        parts.append((name, like.dtype.type, size, like.shape, like.strides))
+        size += -(-like.nbytes // 8) * 8
+    return parts, [start for _, _, start, _, _ in parts], size
+
+
+@lru_cache(maxsize=256)
+def point_indices(points: tuple[str, ...]) -> np.ndarray:
+    """Return the core's indices (P,) of points. Raises BodysenseError for unknown points."""
+    return default_skeleton().indices(points).astype(np.int32)

@@ -1,0 +1,74 @@
+"""Loading of completion networks: the packaged weights files, or any other one."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bodysense.errors import BodysenseError
+from bodysense.tracking.core import Model
+
+if TYPE_CHECKING:
+    from importlib.resources.abc import Traversable
+
+PACKAGED = "completion.safetensors"
+PACKAGED_BACKWARD = "completion_backward.safetensors"
+_COMMAND = "bodysense train completion"
+
+
+@dataclass(frozen=True, eq=False)
+class CompletionModel:
+    """A completion network at run time."""
+
+    core: Model
+    card: dict[str, Any]  # the file's metadata
+    source: Traversable
+
+    @cached_property
+    def name(self) -> str:
+        """The file's name."""
+        return self.source.name
+
+
+def load_completion(path: str | Path) -> CompletionModel:
+    """Open a completion network's file (.safetensors). Raises BodysenseError for any other file."""
+    return _opened(Path(path))
+
+
+@lru_cache(maxsize=2)
+def packaged_model(backward: bool = False) -> CompletionModel:
+    """Return the packaged network, loaded once; `backward`: the network of the backward pass."""
+    from importlib.resources import files
+
+    return _opened(files("bodysense.weights").joinpath(PACKAGED_BACKWARD if backward else PACKAGED))
+
+
+def _opened(source: Traversable) -> CompletionModel:
+    wanted = f"give the .safetensors that `{_COMMAND}` wrote"
+    if not source.is_file():
+        raise BodysenseError(f"{source}: no such model file; {wanted}")
+    if source.name.endswith(".onnx"):
+        raise BodysenseError(f"{source}: an .onnx file of an older version; {wanted}")
+    weights = source.read_bytes()
+    try:
+        core = Model(weights, str(source))
+    except BodysenseError as error:
+        raise BodysenseError(f"{error}; {wanted}") from None
+    return CompletionModel(core, _card(weights), source)
+
+
+def _card(weights: bytes) -> dict[str, Any]:
+    """Return the metadata of a safetensors file; fields are parsed as JSON if possible, else plain text."""
+    length = int.from_bytes(weights[:8], "little")
+    fields = json.loads(weights[8 : 8 + length]).get("__metadata__", {})
+    return {name: _parsed(text) for name, text in fields.items()}
+
+
+def _parsed(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
