@@ -173,9 +173,10 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         if (task[k].middle_seen) task[k].middle = sub(task[k].middle, pelvis_shift);
         else keep_forward(&task[k], t, LEFT_LEG + k, b->rotation[LEFT_HIP + k]);
         two_bones to = solve_limb(&task[k]);
-        if (settings->hold_feet && task[k].middle_seen && !task[k].end_seen && !task[k].middle_turned)
-            to = lay_shin(to, from_heading(vec(0, 0, -1), c, sine),
-                          t->floor + feet[k].ankle_rest - b->point[LEFT_HIP + k].y);
+        if (settings->hold_feet && task[k].middle_seen && !task[k].end_seen && !task[k].middle_turned) {
+            float lowest = t->floor + feet[k].kneels * feet[k].ankle_rest; /* legs that stand bob by less than that */
+            to = lay_shin(to, from_heading(vec(0, 0, -1), c, sine), lowest - b->point[LEFT_HIP + k].y);
+        }
         turn_limb(b, t, LEFT_LEG + k, to);
         limb_state *l = &s->limb[LEFT_LEG + k];
         if (task[k].middle_seen || task[k].start_turned || task[k].middle_turned) {
