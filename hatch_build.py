@@ -1,4 +1,4 @@
-"""The build of wheels and editable installs: compiles the C core into the package."""
+"""The build of wheels and editable installs: compiles the C libraries into the package."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SCRIPT = Path(__file__).parent / "scripts" / "build_core.py"
 
 
 class CoreBuildHook(BuildHookInterface):
-    """Adds the compiled core, and the platform that it is for."""
+    """Adds the compiled libraries, and the platform that they are for."""
 
     def dependencies(self) -> list[str]:
         """The wheel that brings a C compiler, if the system has none."""
@@ -21,8 +21,10 @@ class CoreBuildHook(BuildHookInterface):
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile."""
-        library = runpy.run_path(str(_SCRIPT))["build"]()
-        build_data["artifacts"].append(f"/src/bodysense/{library.name}")
+        script = runpy.run_path(str(_SCRIPT))
+        for name in script["SOURCES"]:
+            library = script["build"](name=name)
+            build_data["artifacts"].append(f"/src/bodysense/{library.name}")
         build_data["pure_python"] = False
         platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["tag"] = f"py3-none-{platform}"

@@ -1,7 +1,8 @@
-"""Compile the C core into the package, for work from a clone: python scripts/build_core.py
+"""Compile the C libraries into the package, for work from a clone: python scripts/build_core.py
 
-The build of wheels and editable installs does the same (hatch_build.py). The compiler is $CC, else the system's, else
-the one that the package `ziglang` brings.
+`_core` is the core, `_fbx` the reader of FBX files; the latter is compiled only if its sources are newer. The build
+of wheels and editable installs compiles both (hatch_build.py). The compiler is $CC, else the system's, else the one
+that the package `ziglang` brings.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-LIBRARIES = {"win32": "_core.dll", "darwin": "_core.dylib"}  # by `sys.platform`; else _core.so
+ENDINGS = {"win32": ".dll", "darwin": ".dylib"}  # of shared libraries, by `sys.platform`; else .so
+SOURCES = {"_core": ("core/src/*.c",), "_fbx": ("core/fbx/*.c", "core/vendor/ufbx/*.c")}
+_HEADERS = {"_core": ("core/src/*.h",), "_fbx": ("core/vendor/ufbx/*.h",)}
 _FLAGS = (
     "-std=c11",
     "-O3",
@@ -45,17 +48,29 @@ def compiler() -> list[str]:
     return found
 
 
-def build(library: Path | None = None, command: list[str] | None = None) -> Path:
-    """Compile core/src into a shared library, in the package's folder if `library` is None."""
-    if library is None:
-        library = ROOT / "src" / "bodysense" / LIBRARIES.get(sys.platform, "_core.so")
-    sources = sorted(str(path) for path in (ROOT / "core" / "src").glob("*.c"))
+def library_path(name: str) -> Path:
+    """Return the path of a library in the package: '_core' or '_fbx'."""
+    return ROOT / "src" / "bodysense" / f"{name}{ENDINGS.get(sys.platform, '.so')}"
+
+
+def build(library: Path | None = None, command: list[str] | None = None, name: str = "_core") -> Path:
+    """Compile a shared library of `SOURCES`, in the package's folder if `library` is None."""
+    library = library_path(name) if library is None else library
+    sources = [str(path) for pattern in SOURCES[name] for path in sorted(ROOT.glob(pattern))]
     beside = library.with_name(f"{library.name}.part")  # replaces a library that may be in use
     # With hidden symbols, a .dll exports nothing.
     system = [] if library.suffix == ".dll" else ["-fPIC", "-fvisibility=hidden", "-lm"]
-    subprocess.run([*(command or compiler()), *_FLAGS, *sources, "-o", str(beside), *system], check=True)
+    flags = _FLAGS if name == "_core" else tuple("-O2" if flag == "-O3" else flag for flag in _FLAGS)
+    subprocess.run([*(command or compiler()), *flags, *sources, "-o", str(beside), *system], check=True)
     os.replace(beside, library)
     return library
+
+
+def is_current(name: str) -> bool:
+    """Whether a library in the package is newer than its sources."""
+    library = library_path(name)
+    files = [path for pattern in (*SOURCES[name], *_HEADERS[name]) for path in ROOT.glob(pattern)]
+    return library.exists() and library.stat().st_mtime > max(path.stat().st_mtime for path in files)
 
 
 def build_program(source: Path, program: Path) -> Path:
@@ -69,3 +84,5 @@ def build_program(source: Path, program: Path) -> Path:
 
 if __name__ == "__main__":
     print(f"wrote {build()}")
+    if not is_current("_fbx"):
+        print(f"wrote {build(name='_fbx')}")

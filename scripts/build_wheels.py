@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -23,6 +23,7 @@ from tempfile import TemporaryDirectory
 from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 ROOT = Path(__file__).resolve().parents[1]
+LIBRARIES = ("_core", "_fbx")  # in a wheel; engines get the core alone
 ZIG = [sys.executable, "-m", "ziglang", "cc"]
 
 
@@ -53,23 +54,23 @@ TARGETS = (
 )
 
 
-def build_library(target: Target, path: Path) -> Path:
-    """Compile core/src for a target."""
+def build_library(target: Target, path: Path, name: str = "_core") -> Path:
+    """Compile a library of `LIBRARIES` for a target."""
     command = [*ZIG, "-target", target.zig, "-mcpu=baseline", "-Wl,-s"]
     path = path.with_suffix(target.ending)
-    runpy.run_path(str(ROOT / "scripts" / "build_core.py"))["build"](path, command)
+    runpy.run_path(str(ROOT / "scripts" / "build_core.py"))["build"](path, command, name)
     return path
 
 
-def build_wheel(native: Path, library: Path, target: Target, folder: Path) -> Path:
-    """Write a wheel like that of this machine, with another library and tag."""
+def build_wheel(native: Path, libraries: Mapping[str, Path], target: Target, folder: Path) -> Path:
+    """Write a wheel like that of this machine, with other libraries, by name, and another tag."""
     name = native.name.split("-")
     out = folder / f"{name[0]}-{name[1]}-py3-none-{target.tag}.whl"
     rows = []
     with ZipFile(out, "w", ZIP_DEFLATED) as wheel:
-        for path, content in _contents(native, library, target):
+        for path, content in _contents(native, libraries, target):
             info = ZipInfo(path, (2020, 1, 1, 0, 0, 0))
-            info.external_attr = (0o755 if "/_core." in path else 0o644) << 16
+            info.external_attr = (0o755 if _is_library(path) else 0o644) << 16
             wheel.writestr(info, content, ZIP_DEFLATED)
             digest = base64.urlsafe_b64encode(hashlib.sha256(content).digest()).rstrip(b"=").decode()
             rows.append(f"{path},sha256={digest},{len(content)}")
@@ -78,19 +79,24 @@ def build_wheel(native: Path, library: Path, target: Target, folder: Path) -> Pa
     return out
 
 
-def _contents(native: Path, library: Path, target: Target) -> Iterator[tuple[str, bytes]]:
+def _is_library(path: str) -> bool:
+    return path.rpartition(".")[0] in [f"bodysense/{name}" for name in LIBRARIES]
+
+
+def _contents(native: Path, libraries: Mapping[str, Path], target: Target) -> Iterator[tuple[str, bytes]]:
     """Return paths and contents of a target's wheel, without the record."""
     with ZipFile(native) as wheel:
         for path in wheel.namelist():
             content = wheel.read(path)
-            if path.startswith("bodysense/_core.") or path.endswith(".dist-info/RECORD"):
+            if _is_library(path) or path.endswith(".dist-info/RECORD"):
                 continue
             if path.endswith(".dist-info/WHEEL"):
                 lines = [line for line in content.decode().splitlines() if line and not line.startswith("Tag:")]
                 lines += [f"Tag: py3-none-{tag}" for tag in target.tag.split(".")]
                 content = ("\n".join(lines) + "\n").encode()
             yield path, content
-    yield f"bodysense/_core{target.ending}", library.read_bytes()
+    for name, library in libraries.items():
+        yield f"bodysense/{name}{target.ending}", library.read_bytes()
 
 
 def native_wheel(folder: Path) -> Path:
@@ -133,7 +139,8 @@ def main() -> None:
                 made = Path(shutil.copy(library, place / named))
             else:
                 given.out.mkdir(parents=True, exist_ok=True)
-                made = build_wheel(native, library, target, given.out)
+                fbx = build_library(target, folder / f"{target.name}-fbx{target.ending}", "_fbx")
+                made = build_wheel(native, {"_core": library, "_fbx": fbx}, target, given.out)
             print(f"{target.name}: {_described(made, library, target)}", flush=True)
 
 

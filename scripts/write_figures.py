@@ -11,6 +11,7 @@ unchanged. DATA is a folder of motion or a prepared store.
     … the same with --limit 36 --takes --lattice, into FIGURES/completion-takes.json
     … the same with --split val --bodies own --takes, into FIGURES/validation.json, for the cards of the networks
     bodysense evaluate sight --headset DATA/headset --json FIGURES/sight.json
+    bodysense evaluate scenes --headset DATA/headset --json FIGURES/scenes.json
     bodysense evaluate holes --data DATA --clips 100 --json FIGURES/holes.json
     bodysense evaluate holes --data DATA --parts fingers --json FIGURES/holes-fingers.json
     bodysense evaluate fingers --data DATA --networks RUN/without_*.ckpt --json FIGURES/fingers.json

@@ -258,3 +258,38 @@ def test_reprs_are_short(short: bs.Clip) -> None:
         r"Estimate\(40 frames of 65 points, 9% measured, expected error \d\.\d cm\)", repr(take.estimate)
     )
     assert re.fullmatch(r"Take\(Clip\(.*40 frames at 30 Hz, 1\.3 s\), Person\(.*\), expected error .* cm\)", repr(take))
+
+
+# Arguments of another kind
+
+UNTYPED: Any = bs  # calls that a type checker would refuse
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (
+            lambda: UNTYPED.Person(1.75),
+            "Person: 1.75 is of type float; give a Skeleton, or a height in metres as Person",
+        ),
+        (lambda: UNTYPED.Person(height="1.75"), "height: '1.75' is of type str; give a number of metres"),
+        (
+            lambda: UNTYPED.Person(lengths={("left_hip", "left_knee"): "long"}),
+            "left_hip–left_knee: 'long' is of type str",
+        ),
+        (lambda: UNTYPED.Tracker(1.75), "Tracker: 1.75 is of type float; give a Person, such as Person"),
+        (lambda: UNTYPED.Tracker([bs.Person(), "me"]), "Tracker: 'me' is of type str"),
+        (
+            lambda: UNTYPED.Tracker().step({}, bs.Tracker().start()),
+            "Tracker.step: .* of type dict; give an Observation",
+        ),
+        (lambda: UNTYPED.Tracker().step(bs.observe(0, {"head": ((0, 1.6, 0), None)}), None), "at first tracker.start"),
+        (lambda: UNTYPED.write(bs.demo.packaged_performance(), "a.bvh"), "write: Clip.* give the path first"),
+        (lambda: UNTYPED.write("a.bvh", "b.bvh"), "write: 'b.bvh' is of type str; give a Clip"),
+        (lambda: UNTYPED.forward_kinematics(bs.default_skeleton()), "forward_kinematics: Skeleton.* give a Pose"),
+        (lambda: UNTYPED.glove_device("me"), "glove_device: 'me' is of type str; give the wearer's Skeleton"),
+    ],
+)
+def test_arguments_of_another_kind_name_the_right_call(call: Callable[[], Any], message: str) -> None:
+    with pytest.raises(bs.BodysenseError, match=message):
+        call()

@@ -32,11 +32,11 @@ static void *memory_of(size_t bytes) {
 }
 
 /* Vectors of random numbers. */
-static inputs random_inputs(const bs_model *m, int columns, int size) {
+static inputs random_inputs(const bs_model *m, int columns, int size, int steps) {
     scratch counted = {NULL, 0};
-    inputs_of(&counted, columns, size);
+    inputs_of(m, &counted, columns, size, steps);
     scratch room = {memory_of(counted.used), 0};
-    const inputs x = inputs_of(&room, columns, size);
+    const inputs x = inputs_of(m, &room, columns, size, steps);
     float *values = memory_of((size_t)columns * (size_t)size * sizeof *values);
     for (int k = 0; k < columns * size; k++) values[k] = (float)rand() / (float)RAND_MAX - 0.5F;
     quantise_columns(m, columns, values, size, x);
@@ -58,12 +58,11 @@ static void products(const bs_model *m, int people, const inputs *of, float *out
     for (int layer = 0; layer < m->layers; layer++) {
         const matrix *given = &m->layer[layer].of_input, *kept = &m->layer[layer].of_state;
         const inputs x = layer ? hidden : features;
-        m->kernel.run(given, 2 * people, x.value, x.step, out, (size_t)grouped(given->rows));
-        m->kernel.run(kept, 2 * people, hidden.value, hidden.step, out, (size_t)grouped(kept->rows));
+        multiply_columns(m, given, 2 * people, x, out, (size_t)grouped(given->rows));
+        multiply_columns(m, kept, 2 * people, hidden, out, (size_t)grouped(kept->rows));
     }
     for (size_t k = 0; k < sizeof every / sizeof *every; k++)
-        m->kernel.run(every[k].table, 2 * people, every[k].x.value, every[k].x.step, out,
-                      (size_t)grouped(every[k].table->rows));
+        multiply_columns(m, every[k].table, 2 * people, every[k].x, out, (size_t)grouped(every[k].table->rows));
 }
 
 int main(int count, char **arguments) {
@@ -78,8 +77,9 @@ int main(int count, char **arguments) {
     double *taken = memory_of((size_t)rounds * sizeof *taken);
     for (int place = 3; place < count; place++) {
         const int people = atoi(arguments[place]), columns = 2 * people;
-        const inputs of[] = {random_inputs(m, columns, m->features), random_inputs(m, columns, m->hidden),
-                             random_inputs(m, columns, HAND_FEATURES), random_inputs(m, columns, m->hand_hidden)};
+        const inputs of[] = {random_inputs(m, columns, m->features, FEATURE_STEPS), random_inputs(m, columns, m->hidden, STATE_STEPS),
+                             random_inputs(m, columns, HAND_FEATURES, FEATURE_STEPS),
+                             random_inputs(m, columns, m->hand_hidden, STATE_STEPS)};
         float *out = memory_of((size_t)columns * (size_t)grouped(3 * m->hidden) * sizeof(float));
         for (int round = -WARM_UP; round < rounds; round++) {
             const double start = milliseconds();

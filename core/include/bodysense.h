@@ -62,7 +62,7 @@ size_t bs_model_size(const void *file, size_t bytes);
 /* Open a model in `memory`. The file may be freed afterwards. */
 bs_result bs_model_open(const void *file, size_t bytes, void *memory, size_t size, const bs_model **model);
 
-/* Name of the matrix kernel in use: "avx512vnni", "avx2", "neon", "simd128" or "plain". */
+/* Name of the matrix kernel in use: "avx512vnni", "avx2", "neondot", "neon", "simd128" or "plain". */
 const char *bs_model_kernel(const bs_model *model);
 
 /* ---- person ------------------------------------------------------------------------------------------------------ */

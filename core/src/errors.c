@@ -47,10 +47,10 @@ void expected_errors(const bs_model *model, const tracked *seen, const predictio
     for (int joint = 0; joint < BODY_JOINTS; joint++)
         *to++ = logarithm(seen->has_position[joint] ? TRACKED_UNLIKE : predicted->unlike[joint]);
     memcpy(inside, model->error_inward_offset, sizeof inside);
-    model->kernel.run_table(&model->error_inward, 1, known, 0, inside, 0);
+    model->kernel.multiply_table(&model->error_inward, 1, known, 0, inside, 0);
     for (int k = 0; k < ERROR_HIDDEN; k++) *to++ = hyperbolic_tangent(inside[k]);
     memcpy(log_error, model->error_offset, sizeof log_error);
-    model->kernel.run_table(&model->error_weight, 1, known, 0, log_error, 0);
+    model->kernel.multiply_table(&model->error_weight, 1, known, 0, log_error, 0);
 
     float rare = rarity(seen);
     for (int k = 0; k < BODY_POINTS; k++) {

@@ -118,9 +118,9 @@ static hand_scratch scratch_of(const bs_model *m, scratch *s, int people) {
     h.before = floats_of(s, columns, m->hand_hidden);
     h.after = floats_of(s, columns, m->hand_hidden);
     h.output = floats_of(s, columns, grouped(HAND_OUTPUTS));
-    h.features_in = inputs_of(s, columns, m->hand_features);
-    h.after_in = inputs_of(s, columns, m->hand_hidden);
-    h.work = workspace_of(s, columns, m->hand_hidden, m->fingers.of_hidden.rows);
+    h.features_in = inputs_of(m, s, columns, m->hand_features, FEATURE_STEPS);
+    h.after_in = inputs_of(m, s, columns, m->hand_hidden, STATE_STEPS);
+    h.work = workspace_of(m, s, columns, m->hand_hidden, m->fingers.of_hidden.rows);
     return h;
 }
 

@@ -14,8 +14,8 @@ void run_recurrent(const bs_model *model, const recurrent *layer, int columns, i
     quantise_columns(model, columns, before, size, w.state);
     repeat(layer->input_bias, rows, columns, w.given);
     repeat(layer->state_bias, rows, columns, w.kept);
-    model->kernel.run(&layer->of_input, columns, x.value, x.step, w.given, stride);
-    model->kernel.run(&layer->of_state, columns, w.state.value, w.state.step, w.kept, stride);
+    multiply_columns(model, &layer->of_input, columns, x, w.given, stride);
+    multiply_columns(model, &layer->of_state, columns, w.state, w.kept, stride);
     for (size_t c = 0; c < (size_t)columns; c++) {
         const size_t state = c * (size_t)size;
         model->kernel.gates(w.given + c * stride, w.kept + c * stride, before + state, size, after + state);
@@ -26,9 +26,9 @@ void run_branch(const bs_model *model, const branch *b, int columns, inputs hidd
                 workspace w) {
     const int rows = grouped(b->of_hidden.rows), outputs = grouped(b->out.rows);
     repeat(b->bias, rows, columns, w.units);
-    model->kernel.run(&b->of_hidden, columns, hidden.value, hidden.step, w.units, (size_t)rows);
-    model->kernel.run(&b->of_features, columns, features.value, features.step, w.units, (size_t)rows);
+    multiply_columns(model, &b->of_hidden, columns, hidden, w.units, (size_t)rows);
+    multiply_columns(model, &b->of_features, columns, features, w.units, (size_t)rows);
     for (int k = 0; k < columns * rows; k++) w.units[k] = w.units[k] > 0.0F ? w.units[k] : 0.0F;
     repeat(b->out_bias, outputs, columns, out);
-    model->kernel.run_table(&b->out, columns, w.units, (size_t)rows, out, (size_t)outputs);
+    model->kernel.multiply_table(&b->out, columns, w.units, (size_t)rows, out, (size_t)outputs);
 }

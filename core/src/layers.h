@@ -8,8 +8,9 @@
 
 /* Vectors as products read them. */
 typedef struct inputs {
-    int16_t *value;
+    void *value;
     float *step;
+    int steps; /* FEATURE_STEPS or STATE_STEPS */
 } inputs;
 
 /* Parts of scratch, one behind the other. Only counted if `memory` is NULL. */
@@ -28,19 +29,32 @@ static inline float *floats_of(scratch *s, int columns, int size) {
     return part_of(s, (size_t)columns * (size_t)size * sizeof(float));
 }
 
-static inline inputs inputs_of(scratch *s, int columns, int size) {
-    const size_t count = (size_t)columns;
-    int16_t *value = part_of(s, count * (size_t)paired(size) * sizeof *value);
-    return (inputs){value, part_of(s, count * (size_t)blocks_of(size) * sizeof(float))};
+/* Bytes of a vector as products read it. */
+static inline size_t input_bytes(const bs_model *model, int size, int steps) {
+    const int bundle = bundle_of(&model->kernel, steps);
+    return (size_t)padded(size, bundle) * (bundle == PAIRS ? sizeof(int16_t) : sizeof(int8_t));
 }
 
-/* Vectors x, one behind the other, as products read them. */
+static inline inputs inputs_of(const bs_model *model, scratch *s, int columns, int size, int steps) {
+    const size_t count = (size_t)columns;
+    void *value = part_of(s, count * input_bytes(model, size, steps));
+    return (inputs){value, part_of(s, count * (size_t)blocks_of(size) * sizeof(float)), steps};
+}
+
+/* Write vectors x, one after the other, as products read them. */
 static inline void quantise_columns(const bs_model *model, int columns, const float *x, int size, inputs to) {
-    for (int c = 0; c < columns; c++) {
-        const size_t column = (size_t)c;
-        model->kernel.quantise(x + column * (size_t)size, size, to.value + column * (size_t)paired(size),
-                 to.step + column * (size_t)blocks_of(size));
-    }
+    const kernel *k = &model->kernel;
+    quantiser *quantise = bundle_of(k, to.steps) == PAIRS ? k->quantise : k->quantise_bytes;
+    for (size_t c = 0; c < (size_t)columns; c++)
+        quantise(x + c * (size_t)size, size, to.steps, (uint8_t *)to.value + c * input_bytes(model, size, to.steps),
+                 to.step + c * (size_t)blocks_of(size));
+}
+
+/* Add m x to y, of `stride` floats each. */
+static inline void multiply_columns(const bs_model *model, const matrix *m, int columns, inputs x, float *y,
+                                    size_t stride) {
+    multiply_add *multiply = m->bundle == PAIRS ? model->kernel.multiply : model->kernel.multiply_bytes;
+    multiply(m, columns, x.value, x.step, y, stride);
 }
 
 /* Room for the passing results of layers. */
@@ -50,12 +64,12 @@ typedef struct workspace {
     inputs state;        /* columns × hidden */
 } workspace;
 
-static inline workspace workspace_of(scratch *s, int columns, int hidden, int widest) {
+static inline workspace workspace_of(const bs_model *model, scratch *s, int columns, int hidden, int widest) {
     workspace w;
     w.given = floats_of(s, columns, grouped(3 * hidden));
     w.kept = floats_of(s, columns, grouped(3 * hidden));
     w.units = floats_of(s, columns, grouped(widest));
-    w.state = inputs_of(s, columns, hidden);
+    w.state = inputs_of(model, s, columns, hidden, STATE_STEPS);
     return w;
 }
 

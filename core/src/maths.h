@@ -23,21 +23,37 @@ static inline float of_bits(uint32_t bits) {
 }
 
 #define ROUNDER 12582912.0F /* 1.5 × 2^23: a small number added to it is rounded, and is in its last bits */
+#define BITS_OF_ROUNDER 0x4B400000U
 
 static inline float clamp(float x, float low, float high) {
     x = x < low ? low : x; /* one after the other, so that loops over it have no branches */
     return x > high ? high : x;
 }
 
+static inline float magnitude(float x) { return of_bits(bits_of(x) & 0x7FFFFFFFU); }
+
+/* The whole number nearest to a small number. */
+static inline int32_t rounded(float x) { return (int32_t)(bits_of(x + ROUNDER) - BITS_OF_ROUNDER); }
+
+/* e^x = 2^n e^rest, for vectors too: n is x / ln 2, rounded. */
+#define LOG2_E 1.44269504F
+#define LN_2_HIGH 0.693145752F /* ln 2 in two parts, so that n × the first is exact */
+#define LN_2_LOW 1.42860677e-6F
+#define LEAST_EXPONENT (-87.0F) /* e^x is a normal number between these */
+#define MOST_EXPONENT 88.0F
+#define EXPONENT_SHIFT 23 /* bits of a float below its exponent */
+#define BITS_OF_ONE 0x3F800000U
+
+#define EXPONENTIAL_SERIES(r)                                                                                          \
+    (1.0F + (r) * (1.0F + (r) * (0.5F + (r) * (1.0F / 6.0F + (r) * (1.0F / 24.0F + (r) * (1.0F / 120.0F +              \
+                                                                                        (r) * (1.0F / 720.0F)))))))
+
 /* e^x, between e^-87 and e^88. */
 static inline float exponential(float x) {
-    x = clamp(x, -87.0F, 88.0F);
-    float shifted = x * 1.44269504F + ROUNDER; /* x / ln 2, rounded: n of 2^n e^rest */
-    float n = shifted - ROUNDER;
-    float rest = x - n * 0.693145752F - n * 1.42860677e-6F; /* ln 2 in two parts */
-    float series = 1.0F / 120.0F + rest * (1.0F / 720.0F);
-    series = 1.0F + rest * (1.0F + rest * (0.5F + rest * (1.0F / 6.0F + rest * (1.0F / 24.0F + rest * series))));
-    return series * of_bits((bits_of(shifted) << 23) + 0x3F800000U);
+    x = clamp(x, LEAST_EXPONENT, MOST_EXPONENT);
+    const float shifted = x * LOG2_E + ROUNDER, n = shifted - ROUNDER;
+    const float rest = x - n * LN_2_HIGH - n * LN_2_LOW;
+    return EXPONENTIAL_SERIES(rest) * of_bits((bits_of(shifted) << EXPONENT_SHIFT) + BITS_OF_ONE);
 }
 
 /* Natural logarithm of a positive, normal number. */

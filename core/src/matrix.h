@@ -1,4 +1,8 @@
-/* Products of tables with vectors: weights in bytes × inputs in two bytes, and small tables in floats. */
+/* Products of tables with vectors: weights in bytes × inputs in one or two bytes, and small tables in floats.
+ *
+ * States of recurrent layers are read in one byte, which costs no accuracy, and features in two, because the last bits
+ * of their byte would show in the jerk of the body.
+ */
 #ifndef BODYSENSE_MATRIX_H
 #define BODYSENSE_MATRIX_H
 
@@ -6,17 +10,27 @@
 #include <stdint.h>
 
 #define GROUP 16  /* rows that are stored together */
-#define BLOCK 64  /* inputs that count in one step */
+#define BLOCK 64  /* inputs that share one step */
+
+/* Inputs of a row that are stored side by side: */
+#define PAIRS 2 /* of inputs in two bytes */
+#define QUADS 4 /* of inputs in one byte, for kernels with an instruction for four products */
+
+/* Steps that make the largest number of a block. */
+#define FEATURE_STEPS 32767
+#define STATE_STEPS 127
 
 static inline int grouped(int rows) { return (rows + GROUP - 1) / GROUP * GROUP; }
-static inline int paired(int inputs) { return (inputs + 1) / 2 * 2; }
+static inline int padded(int inputs, int bundle) { return (inputs + bundle - 1) / bundle * bundle; }
 static inline int blocks_of(int inputs) { return (inputs + BLOCK - 1) / BLOCK; }
 
 /* Weights that are whole multiples, up to 127, of a step of each row. */
 typedef struct matrix {
-    const int8_t *weight; /* by 16 rows, pair of inputs, row, input of the pair; zeros fill up rows and inputs */
-    const float *step;    /* (rows) */
+    const int8_t *weight;    /* by 16 rows, bundle, row, input of the bundle; zeros fill up rows and inputs */
+    const int32_t *unbiased; /* by 16 rows, block, row: −128 × the sum of the block's weights. QUADS only */
+    const float *step;       /* (rows) */
     int rows, inputs;
+    int bundle; /* PAIRS or QUADS */
 } matrix;
 
 /* Weights that are floats. */
@@ -25,16 +39,16 @@ typedef struct table {
     int rows, inputs;
 } table;
 
-/* Add m x to y for an even number of columns: vectors x as `quantise` gives them, one behind the other, and y of
+/* Add m x to y for an even number of columns: vectors x as a quantiser writes them, one after the other, and y of
  * `stride` floats each, with room for whole groups of rows. */
-typedef void multiply_add(const matrix *m, int columns, const int16_t *value, const float *step, float *y,
+typedef void multiply_add(const matrix *m, int columns, const void *value, const float *step, float *y,
                           size_t stride);
 
 /* Add t x to y for `columns` vectors x of `inputs` floats each, `gap` apart. */
 typedef void table_multiply_add(const table *t, int columns, const float *x, size_t gap, float *y, size_t stride);
 
-/* A vector (inputs) → paired(inputs) numbers of two bytes, and of each block what they count in. */
-typedef void quantiser(const float *x, int inputs, int16_t *value, float *step);
+/* A vector (inputs) → padded(inputs, bundle) whole numbers up to `steps`, and the step of each block. */
+typedef void quantiser(const float *x, int inputs, int steps, void *value, float *step);
 
 /* Gates of a recurrent layer: products with inputs and with states, (3 × size) each, and states before → after. */
 typedef void gates(const float *given, const float *kept, const float *before, int size, float *after);
@@ -42,13 +56,20 @@ typedef void gates(const float *given, const float *kept, const float *before, i
 /* The functions of one instruction set. All kernels give the same bits. */
 typedef struct kernel {
     const char *name;
-    multiply_add *run; /* NULL where this processor or this build has none such */
-    table_multiply_add *run_table;
+    multiply_add *multiply; /* of PAIRS; NULL if this processor or this build does not have the kernel */
     quantiser *quantise;
+    multiply_add *multiply_bytes; /* of QUADS, which read states; NULL: states are read in pairs, which is as fast */
+    quantiser *quantise_bytes;
+    table_multiply_add *multiply_table;
     gates *gates;
 } kernel;
 
-#define KERNELS 5 /* fastest first; the last is plain C */
+/* How inputs of up to `steps` are read. */
+static inline int bundle_of(const kernel *k, int steps) {
+    return steps == STATE_STEPS && k->multiply_bytes ? QUADS : PAIRS;
+}
+
+#define KERNELS 6 /* fastest first; the last is plain C */
 
 /* A kernel by its place in 0 … KERNELS - 1. */
 kernel kernel_at(int place);

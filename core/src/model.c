@@ -113,6 +113,7 @@ typedef struct reader {
     uint8_t *memory;
     size_t used;
     bs_result wrong;
+    kernel kernel;
 } reader;
 
 typedef struct tensor {
@@ -222,20 +223,30 @@ static const double *load_doubles(reader *r, const char *name, int rows, int col
     return r->wrong || !to ? NULL : memcpy(to, t.at, size);
 }
 
-/* The columns `first` … of a table in bytes. */
-static matrix load_matrix(reader *r, const char *name, int rows, int columns, int first, int inputs) {
+/* The columns `first` … of a table in bytes, for inputs of up to `steps`. */
+static matrix load_matrix(reader *r, const char *name, int rows, int columns, int first, int inputs, int steps) {
+    const int bundle = bundle_of(&r->kernel, steps);
     const tensor t = expect(r, name, rows, columns);
+    const size_t size = (size_t)grouped(rows) * (size_t)padded(inputs, bundle);
+    const size_t sums = bundle == QUADS ? (size_t)grouped(rows) * (size_t)blocks_of(inputs) * sizeof(int32_t) : 0;
     if (!r->wrong && t.type != 1) r->wrong = BS_MODEL_INCOMPLETE;
-    matrix m = {NULL, load_floats(r, joined(name, ".step").text, rows, 1), rows, inputs};
-    int8_t *to = take(r, (size_t)grouped(rows) * (size_t)paired(inputs));
+    matrix m = {.rows = rows, .inputs = inputs, .bundle = bundle};
+    m.step = load_floats(r, joined(name, ".step").text, rows, 1);
+    int8_t *to = take(r, size);
+    int32_t *unbiased = take(r, sums);
     m.weight = to;
+    m.unbiased = unbiased;
     if (r->wrong || !to) return m;
-    memset(to, 0, (size_t)grouped(rows) * (size_t)paired(inputs));
+    memset(to, 0, size);
+    memset(unbiased, 0, sums);
     for (int row = 0; row < rows; row++) {
-        int8_t *group = to + (size_t)(row / GROUP) * GROUP * (size_t)paired(inputs);
-        for (int k = 0; k < inputs; k++)
-            group[(k / 2 * GROUP + row % GROUP) * 2 + k % 2] =
-                (int8_t)t.at[(size_t)row * (size_t)columns + (size_t)(first + k)];
+        int8_t *group = to + (size_t)(row / GROUP) * GROUP * (size_t)padded(inputs, bundle);
+        for (int k = 0; k < inputs; k++) {
+            const int8_t weight = (int8_t)t.at[(size_t)row * (size_t)columns + (size_t)(first + k)];
+            group[(k / bundle * GROUP + row % GROUP) * bundle + k % bundle] = weight;
+            if (bundle == QUADS)
+                unbiased[(row / GROUP * blocks_of(inputs) + k / BLOCK) * GROUP + row % GROUP] -= 128 * weight;
+        }
     }
     return m;
 }
@@ -257,13 +268,14 @@ static table load_table(reader *r, const char *name, int rows, int inputs) {
     return out;
 }
 
-static recurrent load_recurrent(reader *r, const char *network, int layer, int inputs, int hidden) {
+/* `steps`: of its inputs. */
+static recurrent load_recurrent(reader *r, const char *network, int layer, int inputs, int hidden, int steps) {
     const char place[] = {(char)('0' + layer), 0};
     recurrent out;
     out.of_input = load_matrix(r, joined(joined(network, ".recurrent.weight_ih_l").text, place).text, 3 * hidden,
-                               inputs, 0, inputs);
+                               inputs, 0, inputs, steps);
     out.of_state = load_matrix(r, joined(joined(network, ".recurrent.weight_hh_l").text, place).text, 3 * hidden,
-                               hidden, 0, hidden);
+                               hidden, 0, hidden, STATE_STEPS);
     out.input_bias = load_floats(r, joined(joined(network, ".recurrent.bias_ih_l").text, place).text, 3 * hidden, 1);
     out.state_bias = load_floats(r, joined(joined(network, ".recurrent.bias_hh_l").text, place).text, 3 * hidden, 1);
     return out;
@@ -273,8 +285,8 @@ static branch load_branch(reader *r, const char *name, int hidden, int features,
     const struct name weight = joined(name, ".0.weight");
     const int width = find(r, weight.text).rows;
     branch out;
-    out.of_hidden = load_matrix(r, weight.text, width, hidden + features, 0, hidden);
-    out.of_features = load_matrix(r, weight.text, width, hidden + features, hidden, features);
+    out.of_hidden = load_matrix(r, weight.text, width, hidden + features, 0, hidden, STATE_STEPS);
+    out.of_features = load_matrix(r, weight.text, width, hidden + features, hidden, features, FEATURE_STEPS);
     out.bias = load_floats(r, joined(name, ".0.bias").text, width, 1);
     out.out = load_table(r, joined(name, ".2.weight").text, outputs, width);
     out.out_bias = load_floats(r, joined(name, ".2.bias").text, outputs, 1);
@@ -283,8 +295,8 @@ static branch load_branch(reader *r, const char *name, int hidden, int features,
 
 /* ---- files ------------------------------------------------------------------------------------------------------- */
 
-static reader opened(const void *file, size_t bytes) {
-    reader r = {{NULL, NULL}, NULL, 0, NULL, 0, BS_MODEL_DAMAGED};
+static reader opened(const void *file, size_t bytes, kernel kernel) {
+    reader r = {.wrong = BS_MODEL_DAMAGED, .kernel = kernel};
     uint64_t size;
     text value;
     if (!file || bytes < sizeof size) return r;
@@ -318,7 +330,7 @@ static bs_model loaded(reader *r) {
     bs_model m;
     memset(&m, 0, sizeof m);
     take(r, sizeof m);
-    m.kernel = fastest_kernel();
+    m.kernel = r->kernel;
     m.features = find(r, "body.recurrent.weight_ih_l0").columns;
     m.hidden = find(r, "body.recurrent.weight_hh_l0").columns;
     m.hand_hidden = find(r, "fingers.recurrent.weight_hh_l0").columns;
@@ -333,12 +345,13 @@ static bs_model loaded(reader *r) {
         struct name numbered = joined(name, "");
         numbered.text[sizeof name - 2] = (char)('0' + m.layers);
         if (member(r->header, numbered.text, &entry) && !entry.at) break;
-        m.layer[m.layers] = load_recurrent(r, "body", m.layers, m.layers ? m.hidden : m.features, m.hidden);
+        m.layer[m.layers] = load_recurrent(r, "body", m.layers, m.layers ? m.hidden : m.features, m.hidden,
+                                           m.layers ? STATE_STEPS : FEATURE_STEPS);
     }
     if (!r->wrong && m.features != FEATURES && m.features != FEATURES_ACCELERATION) r->wrong = BS_MODEL_INCOMPLETE;
     m.turn = load_branch(r, "body.turn_branch", m.hidden, m.features, TURNED);
     m.judge = load_branch(r, "body.judge_branch", m.hidden, m.features, JUDGED);
-    m.hands = load_recurrent(r, "fingers", 0, HAND_FEATURES, m.hand_hidden);
+    m.hands = load_recurrent(r, "fingers", 0, HAND_FEATURES, m.hand_hidden, FEATURE_STEPS);
     m.fingers = load_branch(r, "fingers.branch", m.hand_hidden, HAND_FEATURES, HAND_OUTPUTS);
     m.usual_bones = load_floats(r, "body.usual_bones", BODY_POINTS, 3);
     m.standing = load_floats(r, "body.standing", BODY_JOINTS, 6);
@@ -353,14 +366,17 @@ static bs_model loaded(reader *r) {
     return m;
 }
 
-size_t bs_model_size(const void *file, size_t bytes) {
-    reader r = opened(file, bytes);
+static size_t size_of(const void *file, size_t bytes, kernel kernel) {
+    reader r = opened(file, bytes, kernel);
     loaded(&r);
     return r.wrong ? 0 : r.used;
 }
 
-bs_result bs_model_open(const void *file, size_t bytes, void *memory, size_t size, const bs_model **model) {
-    reader r = opened(file, bytes);
+size_t bs_model_size(const void *file, size_t bytes) { return size_of(file, bytes, fastest_kernel()); }
+
+bs_result model_open(const void *file, size_t bytes, kernel kernel, void *memory, size_t size,
+                     const bs_model **model) {
+    reader r = opened(file, bytes, kernel);
     *model = NULL;
     loaded(&r);
     if (r.wrong) return r.wrong;
@@ -377,6 +393,10 @@ bs_result bs_model_open(const void *file, size_t bytes, void *memory, size_t siz
     memcpy(memory, &m, sizeof m);
     *model = memory;
     return BS_OK;
+}
+
+bs_result bs_model_open(const void *file, size_t bytes, void *memory, size_t size, const bs_model **model) {
+    return model_open(file, bytes, fastest_kernel(), memory, size, model);
 }
 
 const char *bs_model_kernel(const bs_model *model) { return model->kernel.name; }

@@ -46,6 +46,9 @@ struct bs_model {
     const float *error_inward_offset, *error_offset;
 };
 
+/* Open a model with a kernel of choice. No kernel needs more memory than `bs_model_size` asks for. */
+bs_result model_open(const void *file, size_t bytes, kernel kernel, void *memory, size_t size, const bs_model **model);
+
 #define SHAPE_SIZE 16 /* directions in which proportions of people differ */
 
 static inline const double *model_shape_mean(const bs_model *model) { return model->shape_mean; }

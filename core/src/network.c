@@ -39,12 +39,12 @@ static body_scratch scratch_of(const bs_model *m, scratch *s, int people) {
     b.features = floats_of(s, columns, m->features);
     b.state = floats_of(s, columns, m->layers * m->hidden);
     b.before = floats_of(s, columns, m->hidden);
-    b.features_in = inputs_of(s, columns, m->features);
-    b.state_in = inputs_of(s, columns, m->hidden);
+    b.features_in = inputs_of(m, s, columns, m->features, FEATURE_STEPS);
+    b.state_in = inputs_of(m, s, columns, m->hidden, STATE_STEPS);
     b.turned = floats_of(s, columns, grouped(TURNED));
     b.judged = floats_of(s, columns, grouped(JUDGED));
     b.read = part_of(s, (size_t)people * sizeof *b.read);
-    b.work = workspace_of(s, columns, m->hidden, turn > judge ? turn : judge);
+    b.work = workspace_of(m, s, columns, m->hidden, turn > judge ? turn : judge);
     return b;
 }
 

@@ -1,138 +1,191 @@
-/* A kernel: products of a few groups of rows with two columns, small tables of floats, and the loops before and after
- * them. Included by matrix.c once for each instruction set, which defines
+/* A kernel: products (product.h), small tables of floats, and the loops before and after them. Its vectors are those
+ * of the compiler, so that no loop depends on its optimiser. Included by matrix.c once for each instruction set, with
  *
  *     NAME(x)                  names of this instruction set
  *     TARGET                   attribute of functions that use it
  *     SIMD_WIDTH               rows in a register
- *     MOST_GROUPS              groups whose sums fit the registers
- *     SUMS, FLOATS, WEIGHTS, INPUTS   types: vectors of sums, floats and pairs of weights; a pair of inputs
- *     NO_SUMS(), NO_FLOATS(), LOAD_WEIGHTS(p), LOAD_INPUTS(p), DOT(sums, weights, inputs), TO_FLOATS(sums),
- *     SPREAD(float), MUL(floats, floats), PLUS(floats, floats), LOAD_FLOATS(p), STORE_FLOATS(p, floats)
+ *     SMALLER, LARGER          of two vectors of floats, element by element
+ *     SHORT_TALL, SHORT_WIDE, SHORT_SUMS, …    product.h's, of inputs in two bytes
+ *     BYTE_TALL, BYTE_WIDE, BYTE_SUMS, …       product.h's, of inputs in one byte, if the instruction set has them
  */
 #define REGISTERS (GROUP / SIMD_WIDTH)
-#define COLUMNS 2
 
-TARGET static inline __attribute__((always_inline)) void NAME(tile)(const matrix *m, int group, int groups,
-                                                                    const int16_t *value, const float *step,
-                                                                    float *y, size_t stride) {
-    const size_t pairs = (size_t)paired(m->inputs) / 2, blocks = (size_t)blocks_of(m->inputs);
-    const int8_t *weight = m->weight + (size_t)group * pairs * 2 * GROUP;
-    FLOATS total[MOST_GROUPS][REGISTERS][COLUMNS];
-    UNROLL for (int g = 0; g < groups; g++) {
-        UNROLL for (int r = 0; r < REGISTERS; r++) {
-            UNROLL for (int c = 0; c < COLUMNS; c++) total[g][r][c] = NO_FLOATS();
-        }
-    }
-    for (size_t block = 0; block < blocks; block++) {
-        const size_t first = block * BLOCK / 2, last = first + BLOCK / 2 < pairs ? first + BLOCK / 2 : pairs;
-        SUMS sum[MOST_GROUPS][REGISTERS][COLUMNS];
-        UNROLL for (int g = 0; g < groups; g++) {
-            UNROLL for (int r = 0; r < REGISTERS; r++) {
-                UNROLL for (int c = 0; c < COLUMNS; c++) sum[g][r][c] = NO_SUMS();
-            }
-        }
-        UNROLL_4 for (size_t pair = first; pair < last; pair++) {
-            INPUTS input[COLUMNS];
-            UNROLL for (int c = 0; c < COLUMNS; c++) input[c] = LOAD_INPUTS(value + ((size_t)c * pairs + pair) * 2);
-            UNROLL for (int g = 0; g < groups; g++) {
-                UNROLL for (int r = 0; r < REGISTERS; r++) {
-                    const WEIGHTS w =
-                        LOAD_WEIGHTS(weight + ((size_t)g * pairs + pair) * 2 * GROUP + (size_t)r * 2 * SIMD_WIDTH);
-                    UNROLL for (int c = 0; c < COLUMNS; c++) sum[g][r][c] = DOT(sum[g][r][c], w, input[c]);
-                }
-            }
-        }
-        UNROLL for (int g = 0; g < groups; g++) {
-            UNROLL for (int r = 0; r < REGISTERS; r++) {
-                UNROLL for (int c = 0; c < COLUMNS; c++) {
-                    const FLOATS part = MUL(TO_FLOATS(sum[g][r][c]), SPREAD(step[(size_t)c * blocks + block]));
-                    total[g][r][c] = PLUS(total[g][r][c], part);
-                }
-            }
-        }
-    }
-    UNROLL for (int g = 0; g < groups; g++) {
-        UNROLL for (int r = 0; r < REGISTERS; r++) {
-            const size_t row = (size_t)(group + g) * GROUP + (size_t)r * SIMD_WIDTH;
-            const FLOATS row_step = LOAD_FLOATS(m->step + row);
-            UNROLL for (int c = 0; c < COLUMNS; c++) {
-                float *at = y + (size_t)c * stride + row;
-                STORE_FLOATS(at, PLUS(LOAD_FLOATS(at), MUL(total[g][r][c], row_step)));
-            }
-        }
-    }
+typedef float NAME(floats) __attribute__((vector_size(4 * SIMD_WIDTH)));
+typedef int32_t NAME(integers) __attribute__((vector_size(4 * SIMD_WIDTH)));
+typedef uint32_t NAME(bits) __attribute__((vector_size(4 * SIMD_WIDTH)));
+typedef int16_t NAME(shorts) __attribute__((vector_size(2 * SIMD_WIDTH)));
+typedef int8_t NAME(bytes) __attribute__((vector_size(SIMD_WIDTH)));
+
+TARGET static inline __attribute__((always_inline)) NAME(floats) NAME(load)(const float *p) {
+    NAME(floats) x;
+    memcpy(&x, p, sizeof x);
+    return x;
 }
 
-TARGET static void NAME(multiply)(const matrix *m, int columns, const int16_t *value, const float *step, float *y,
-                                  size_t stride) {
-    const size_t inputs = (size_t)paired(m->inputs), blocks = (size_t)blocks_of(m->inputs);
-    const int groups = grouped(m->rows) / GROUP;
-    for (int group = 0; group < groups;) {
-        const int together = group + MOST_GROUPS <= groups ? MOST_GROUPS : 1;
-        for (size_t column = 0; column < (size_t)columns; column += COLUMNS) {
-            const int16_t *x = value + column * inputs;
-            if (together == MOST_GROUPS)
-                NAME(tile)(m, group, MOST_GROUPS, x, step + column * blocks, y + column * stride, stride);
-            else
-                NAME(tile)(m, group, 1, x, step + column * blocks, y + column * stride, stride);
-        }
-        group += together;
-    }
+TARGET static inline __attribute__((always_inline)) void NAME(store)(float *p, NAME(floats) x) {
+    memcpy(p, &x, sizeof x);
 }
 
-TARGET static void NAME(table)(const table *t, int columns, const float *x, size_t gap, float *y, size_t stride) {
+#define TILE NAME(short_tile)
+#define MULTIPLY NAME(multiply)
+#define BUNDLE PAIRS
+#define VALUE int16_t
+#define TALL SHORT_TALL
+#define WIDE SHORT_WIDE
+#define SUMS SHORT_SUMS
+#define WEIGHTS SHORT_WEIGHTS
+#define INPUTS SHORT_INPUTS
+#define START SHORT_START
+#define LOAD_WEIGHTS SHORT_LOAD_WEIGHTS
+#define LOAD_INPUTS SHORT_LOAD_INPUTS
+#define DOT SHORT_DOT
+#define TO_FLOATS(sums) __builtin_convertvector((NAME(integers))SHORT_TO_INTEGERS(sums), NAME(floats))
+#include "product.h"
+
+#if defined(BYTE_TALL)
+#define TILE NAME(byte_tile)
+#define MULTIPLY NAME(multiply_bytes)
+#define BUNDLE QUADS
+#define VALUE int8_t
+#define TALL BYTE_TALL
+#define WIDE BYTE_WIDE
+#define SUMS BYTE_SUMS
+#define WEIGHTS BYTE_WEIGHTS
+#define INPUTS BYTE_INPUTS
+#define START BYTE_START
+#define LOAD_WEIGHTS BYTE_LOAD_WEIGHTS
+#define LOAD_INPUTS BYTE_LOAD_INPUTS
+#define DOT BYTE_DOT
+#define TO_FLOATS(sums) __builtin_convertvector((NAME(integers))BYTE_TO_INTEGERS(sums), NAME(floats))
+#include "product.h"
+#endif
+
+TARGET static void NAME(multiply_table)(const table *t, int columns, const float *x, size_t gap, float *y,
+                                        size_t stride) {
     for (int group = 0; group < grouped(t->rows) / GROUP; group++) {
         const float *first_weight = t->weight + (size_t)group * (size_t)t->inputs * GROUP;
         for (int c = 0; c < columns; c += 2) { /* two at a time; a last one that is alone is computed twice */
             const size_t first = (size_t)c, second = (size_t)(c + 1 < columns ? c + 1 : c);
             const float *a = x + first * gap, *b = x + second * gap, *weight = first_weight;
             float *to_a = y + first * stride + group * GROUP, *to_b = y + second * stride + group * GROUP;
-            FLOATS sum_a[REGISTERS], sum_b[REGISTERS];
+            NAME(floats) sum_a[REGISTERS], sum_b[REGISTERS];
             UNROLL for (int r = 0; r < REGISTERS; r++) {
-                sum_a[r] = LOAD_FLOATS(to_a + r * SIMD_WIDTH);
-                sum_b[r] = LOAD_FLOATS(to_b + r * SIMD_WIDTH);
+                sum_a[r] = NAME(load)(to_a + r * SIMD_WIDTH);
+                sum_b[r] = NAME(load)(to_b + r * SIMD_WIDTH);
             }
             for (int k = 0; k < t->inputs; k++, weight += GROUP) {
                 UNROLL for (int r = 0; r < REGISTERS; r++) {
-                    const FLOATS w = LOAD_FLOATS(weight + r * SIMD_WIDTH);
-                    sum_a[r] = PLUS(sum_a[r], MUL(w, SPREAD(a[k])));
-                    sum_b[r] = PLUS(sum_b[r], MUL(w, SPREAD(b[k])));
+                    const NAME(floats) w = NAME(load)(weight + r * SIMD_WIDTH);
+                    sum_a[r] += w * a[k];
+                    sum_b[r] += w * b[k];
                 }
             }
             UNROLL for (int r = 0; r < REGISTERS; r++) {
-                STORE_FLOATS(to_a + r * SIMD_WIDTH, sum_a[r]);
-                STORE_FLOATS(to_b + r * SIMD_WIDTH, sum_b[r]);
+                NAME(store)(to_a + r * SIMD_WIDTH, sum_a[r]);
+                NAME(store)(to_b + r * SIMD_WIDTH, sum_b[r]);
             }
         }
     }
 }
 
-TARGET static void NAME(quantise)(const float *x, int inputs, int16_t *value, float *step) {
-    quantise(x, inputs, value, step);
+TARGET static inline __attribute__((always_inline)) float NAME(largest)(const float *x, int count) {
+    float lane[SIMD_WIDTH], largest = 0.0F;
+    NAME(floats) most = {0};
+    int k = 0;
+    for (; k + SIMD_WIDTH <= count; k += SIMD_WIDTH)
+        most = LARGER((NAME(floats))((NAME(bits))NAME(load)(x + k) & 0x7FFFFFFFU), most);
+    NAME(store)(lane, most);
+    for (int n = 0; n < SIMD_WIDTH; n++) largest = lane[n] > largest ? lane[n] : largest;
+    for (; k < count; k++) {
+        const float size = magnitude(x[k]);
+        largest = size > largest ? size : largest;
+    }
+    return largest;
+}
+
+TARGET static inline __attribute__((always_inline)) NAME(integers) NAME(rounded)(const float *x, float inverse) {
+    return (NAME(integers))((NAME(bits))(NAME(load)(x) * inverse + ROUNDER) - BITS_OF_ROUNDER);
+}
+
+TARGET static void NAME(quantise)(const float *x, int inputs, int steps, void *values, float *step) {
+    int16_t *value = values;
+    for (int first = 0; first < inputs; first += BLOCK, step++) {
+        const int end = inputs - first < BLOCK ? inputs : first + BLOCK;
+        int k = first;
+        const float inverse = scale_of(NAME(largest)(x + first, end - first), steps, step);
+        for (; k + SIMD_WIDTH <= end; k += SIMD_WIDTH) {
+            const NAME(shorts) few = __builtin_convertvector(NAME(rounded)(x + k, inverse), NAME(shorts));
+            memcpy(value + k, &few, sizeof few);
+        }
+        for (; k < end; k++) value[k] = (int16_t)rounded(x[k] * inverse);
+    }
+    if (inputs % 2) value[inputs] = 0;
+}
+
+#if defined(BYTE_TALL)
+TARGET static void NAME(quantise_bytes)(const float *x, int inputs, int steps, void *values, float *step) {
+    int8_t *value = values;
+    for (int first = 0; first < inputs; first += BLOCK, step++) {
+        const int end = inputs - first < BLOCK ? inputs : first + BLOCK;
+        int k = first;
+        const float inverse = scale_of(NAME(largest)(x + first, end - first), steps, step);
+        for (; k + SIMD_WIDTH <= end; k += SIMD_WIDTH) {
+            const NAME(bytes) few = __builtin_convertvector(NAME(rounded)(x + k, inverse), NAME(bytes));
+            memcpy(value + k, &few, sizeof few);
+        }
+        for (; k < end; k++) value[k] = (int8_t)rounded(x[k] * inverse);
+    }
+    for (int k = inputs; k < padded(inputs, QUADS); k++) value[k] = 0;
+}
+#endif
+
+TARGET static inline __attribute__((always_inline)) NAME(floats) NAME(exponential)(NAME(floats) x) {
+    x = LARGER(x, (NAME(floats)){0} + LEAST_EXPONENT);
+    x = SMALLER(x, (NAME(floats)){0} + MOST_EXPONENT);
+    const NAME(floats) shifted = x * LOG2_E + ROUNDER, n = shifted - ROUNDER;
+    const NAME(floats) rest = x - n * LN_2_HIGH - n * LN_2_LOW;
+    return EXPONENTIAL_SERIES(rest) * (NAME(floats))(((NAME(bits))shifted << EXPONENT_SHIFT) + BITS_OF_ONE);
 }
 
 TARGET static void NAME(gates)(const float *given, const float *kept, const float *before, int size, float *after) {
-    pass_gates(given, kept, before, size, after);
+    int k = 0;
+    for (; k + SIMD_WIDTH <= size; k += SIMD_WIDTH) {
+        const NAME(floats) reset_sum = NAME(load)(given + k) + NAME(load)(kept + k);
+        const NAME(floats) update_sum = NAME(load)(given + size + k) + NAME(load)(kept + size + k);
+        const NAME(floats) reset = 1.0F / (1.0F + NAME(exponential)(-reset_sum));
+        const NAME(floats) update = 1.0F / (1.0F + NAME(exponential)(-update_sum));
+        const NAME(floats) sum = NAME(load)(given + 2 * size + k) + reset * NAME(load)(kept + 2 * size + k);
+        const NAME(floats) candidate = 1.0F - 2.0F / (NAME(exponential)(2.0F * sum) + 1.0F);
+        NAME(store)(after + k, candidate + update * (NAME(load)(before + k) - candidate));
+    }
+    for (; k < size; k++)
+        after[k] = passed(given[k] + kept[k], given[size + k] + kept[size + k], given[2 * size + k],
+                          kept[2 * size + k], before[k]);
 }
 
 #undef REGISTERS
 #undef NAME
 #undef TARGET
 #undef SIMD_WIDTH
-#undef MOST_GROUPS
-#undef COLUMNS
-#undef SUMS
-#undef FLOATS
-#undef WEIGHTS
-#undef INPUTS
-#undef NO_SUMS
-#undef NO_FLOATS
-#undef LOAD_WEIGHTS
-#undef LOAD_INPUTS
-#undef DOT
-#undef TO_FLOATS
-#undef SPREAD
-#undef MUL
-#undef PLUS
-#undef LOAD_FLOATS
-#undef STORE_FLOATS
+#undef SMALLER
+#undef LARGER
+#undef SHORT_TALL
+#undef SHORT_WIDE
+#undef SHORT_SUMS
+#undef SHORT_WEIGHTS
+#undef SHORT_INPUTS
+#undef SHORT_START
+#undef SHORT_LOAD_WEIGHTS
+#undef SHORT_LOAD_INPUTS
+#undef SHORT_DOT
+#undef SHORT_TO_INTEGERS
+#undef BYTE_TALL
+#undef BYTE_WIDE
+#undef BYTE_SUMS
+#undef BYTE_WEIGHTS
+#undef BYTE_INPUTS
+#undef BYTE_START
+#undef BYTE_LOAD_WEIGHTS
+#undef BYTE_LOAD_INPUTS
+#undef BYTE_DOT
+#undef BYTE_TO_INTEGERS

@@ -5,11 +5,14 @@ from __future__ import annotations
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense_lab.completion.score.holes import PARTS as HOLES
 from bodysense_lab.completion.score.holes import SECONDS
+from bodysense_lab.completion.score.scripted.scene_scoring import SETS as SCENE_SETS
+from bodysense_lab.completion.score.scripted.scene_tables import FAULTS
 from bodysense_lab.completion.score.sight.wearer_scores import RARE_SETS, SEATED_HEIGHTS, SEATED_SETS
 from bodysense_lab.completion.score.sight.wearers import PALMS, RAISES
 from bodysense_lab.completion.training.options import BODIES, BODY_TITLES, TABLE_SETS
 from bodysense_lab.core.model_card import network_lines, parse_fields, read_network
 from bodysense_lab.papers.hmd_vae.tables import PUBLISHED as THREE_POINT
+from bodysense_lab.synthesis.scenes import KINDS as SCENES
 
 from .blocks import ROOT, Block, Numbers, between, figure, markdown, sampled
 
@@ -270,6 +273,34 @@ def wearers(numbers: Numbers) -> str:
     return "\n\n".join(tables)
 
 
+def scenes(numbers: Numbers) -> str:
+    """Return errors and visible faults in scripted scenes by sensor set, and those of heads of real headsets."""
+    sets = [name for name in SCENE_SETS if f"scenes_{name}_error_cm" in numbers]
+    faults = [
+        [title, *(_scaled(numbers, f"scenes_{name}_{key}", factor) for name in sets)]
+        for key, title, factor in FAULTS
+        if any(f"scenes_{name}_{key}" in numbers for name in sets)
+    ]
+    kinds = [
+        [kind.replace("_", " "), *(figure(numbers, f"scenes_{name}_{kind}_error_cm") for name in sets)]
+        for kind in SCENES
+        if f"scenes_{sets[0]}_{kind}_error_cm" in numbers
+    ]
+    titles = [SCENE_SETS[name].title for name in sets]
+    tables = [markdown(["measure", *titles], faults), markdown(["error by scene, cm", *titles], kinds)]
+    heads = [
+        [
+            f"palms {palms}" if palms != "none" else "head alone",
+            *(_scaled(numbers, f"headset_{palms}_{what}_share", 100) for what in ("gliding", "float")),
+        ]
+        for palms in PALMS
+        if f"headset_{palms}_gliding_share" in numbers
+    ]
+    if heads:
+        tables.append(markdown(["real headsets, unknown bodies", "gliding %", "float %"], heads))
+    return "\n\n".join(tables)
+
+
 def _scaled(numbers: Numbers, key: str, factor: float) -> str:
     return f"{factor * numbers[key]:.2f}" if key in numbers else "–"
 
@@ -359,5 +390,6 @@ BLOCKS = (
     Block("docs/completion.md", "fingers", fingers, ("fingers",)),
     Block("docs/evaluation.md", "sight", sight, ("completion",)),
     Block("docs/evaluation.md", "wearers", wearers, ("sight",)),
+    Block("docs/evaluation.md", "scenes", scenes, ("scenes",)),
     Block("docs/files.md", "holes", holes, ("holes", "holes-fingers")),
 )

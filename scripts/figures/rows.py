@@ -140,7 +140,8 @@ FIGURES: dict[str, Callable[[Cells], str]] = {  # by row of the page
         f"{', '.join(f'{_weights(name).stat().st_size / 1e3:.0f}' for name in GLOVE_FILES)} kB"
     ),
     "4.15": lambda at: (
-        f"hands in each other {at('gloves-limits', 'output', 'recorded', 'hands in each other', 'frames, %')} % of frames"
+        f"hands in each other {at('gloves-limits', 'output', 'recorded', 'hands in each other', 'frames, %')} "
+        "% of frames"
     ),
 }
 EVALUATED = {  # by row: the block whose commands' hours it has

@@ -1,5 +1,9 @@
 """Errors that bodysense raises for invalid input, and install lines of missing packages."""
 
+from __future__ import annotations
+
+from reprlib import repr as brief
+
 # Part of the repository to install, from a clone of it, for each optional package.
 SOURCES = {
     "av": ".[video]",
@@ -31,6 +35,7 @@ SOURCES = {
     "websockets": "packages/live",
     "zarr": "packages/lab",
     "zeroconf": "packages/live",
+    "zmq": "packages/live[robots]",
 }
 
 
@@ -50,3 +55,9 @@ def how_to_install(source: str) -> str:
     """Return the install line of a part of the repository, for a clone of it."""
     quoted = f"'{source}'" if "[" in source else source
     return f"in a clone of the repository: pip install -c constraints.txt -e {quoted}"
+
+
+def expect(value: object, kind: type | tuple[type, ...], where: str, fix: str) -> None:
+    """Raise BodysenseError unless a value is of a class: `where` names the call, `fix` the call that is right."""
+    if not isinstance(value, kind):
+        raise BodysenseError(f"{where}: {brief(value)} is of type {type(value).__name__}; give {fix}")

@@ -82,9 +82,18 @@ def test_noise_feet_and_floor(tmp_path: Path, motion: Path, run) -> None:
 
 
 def test_a_network_file_is_used(tmp_path: Path, motion: Path, run) -> None:
-    packaged = files("bodysense.weights") / "completion.safetensors"
-    (tmp_path / "own.safetensors").write_bytes(packaged.read_bytes())
-    run("track", motion, "--device", "head", "-o", tmp_path / "a.bvh", "--model", tmp_path / "own.safetensors")
+    weights = (files("bodysense.weights") / "completion.safetensors").read_bytes()
+    same, other = tmp_path / "same.safetensors", tmp_path / "other.safetensors"
+    same.write_bytes(weights)
+    tables = 8 + int.from_bytes(weights[:8], "little")
+    half = tables + (len(weights) - tables) // 2
+    other.write_bytes(weights[:half] + bytes(4096) + weights[half + 4096 :])  # 4 kB of weights are 0
+    command = ("track", motion, "--device", "head", "--causal")
+    for name, options in (("packaged", ()), ("same", ("--model", same)), ("other", ("--model", other))):
+        run(*command, "-o", tmp_path / f"{name}.bvh", *options)
+    packaged, copied, changed = (read_bvh(tmp_path / f"{name}.bvh").pose for name in ("packaged", "same", "other"))
+    np.testing.assert_array_equal(copied.rotation, packaged.rotation)
+    assert np.abs(changed.rotation - packaged.rotation).max() > 1e-3
 
 
 def test_samples_of_one_recording(tmp_path: Path, motion: Path, run) -> None:

@@ -64,9 +64,9 @@ def test_info_describes_files_without_a_rig(tmp_path: Path, short_clip: Clip, ru
     ):
         assert kind in run("data", "info", tmp_path / name)
     (tmp_path / "take.fbx").write_bytes(b"Kaydara")
-    assert "convert it with Blender" in refused("data", "info", tmp_path / "take.fbx")
+    assert "cannot be read, or is damaged" in refused("data", "info", tmp_path / "take.fbx")
     output = run("data", "info", tmp_path)
-    assert "take.fbx: FBX is not read" in output and "skipped 1 of 6 files" in output
+    assert "take.fbx: this FBX file cannot be read" in output and "skipped 1 of 6 files" in output
 
 
 def test_options_of_every_command_that_reads_motion(inches: Path, tmp_path: Path, run, refused) -> None:
@@ -212,7 +212,7 @@ def test_convert_warns_of_limbs_that_are_held_still(
     elbow = clip.pose.skeleton.index("left_elbow")
     rotation[5:, elbow] = rotation[5, elbow]
     write_bvh(whole, replace(clip, pose=replace(clip.pose, rotation=rotation)))
-    monkeypatch.setattr(partial_motion, "read_rigged", None)  # the file's rig is recognised once
+    monkeypatch.setattr(partial_motion, "rigged_of", None)  # the file's rig is recognised once
     assert main(["convert", str(whole), "-o", str(out), "--json", str(tmp_path / "out.json")]) == 0
     output, (line,) = capsys.readouterr().err, json.loads((tmp_path / "out.json").read_text())["warnings"]
     assert f"WARNING: {line}" in output and "WARNING: limbs are held still" in output and "left_elbow 2" in output

@@ -56,7 +56,7 @@ def test_a_body_gets_fingers_and_is_otherwise_unchanged(tmp_path: Path, bare: Pa
 
 
 def test_fingers_for_a_simulated_device(tmp_path: Path, motion: Path, run) -> None:
-    """Only fingers differ from what is tracked without."""
+    """Only fingers differ from the body without the option."""
     arguments = ("track", motion, "--device", "three_point", "-o")
     run(*arguments, tmp_path / "plain.bvh")
     run(*arguments, tmp_path / "made.bvh", "--fingers", "synthesize")

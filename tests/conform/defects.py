@@ -374,7 +374,9 @@ OTHERS: dict[str, Callable[[Performance], Subject]] = {
     "hands.order": lambda p: _swapped(p.subject, "left_index1", "left_ring1"),
     "hands.size": lambda p: p.scaled({name: 2.0 for name in p.subject.points if is_finger(name)}),
     "joints.knees_fold": lambda p: _steps(p, "left_leg_raise", {"left_hip": about(-60), "left_knee": about(-60)}),
-    "data.flag": lambda p: replace(p.subject, transport=replace(p.subject.transport, all_valid=np.zeros(len(p.subject), dtype=bool))),
+    "data.flag": lambda p: replace(
+        p.subject, transport=replace(p.subject.transport, all_valid=np.zeros(len(p.subject), dtype=bool))
+    ),
     "motion.repeats": lambda p: _twice(p.subject, 0.9),
     "stand.knees": lambda p: _steps(p, "stand", {"left_hip": about(-35), "left_knee": about(35)}),
     "squat.symmetry": lambda p: _steps(p, "squat", {"left_hip": about(-5), "left_knee": about(5)}),

@@ -48,13 +48,17 @@ def test_a_wheel_for_another_system(script: dict[str, Any], tmp_path: Path) -> N
     with ZipFile(native, "w") as wheel:
         wheel.writestr("bodysense/__init__.py", "")
         wheel.writestr("bodysense/_core.so", "this machine's")
+        wheel.writestr("bodysense/_fbx.so", "this machine's")
         wheel.writestr("bodysense-0.1.0.dist-info/WHEEL", "Wheel-Version: 1.0\nTag: py3-none-linux_x86_64\n")
         wheel.writestr("bodysense-0.1.0.dist-info/METADATA", "Metadata-Version: 2.4\nName: bodysense\nVersion: 0.1.0\n")
         wheel.writestr("bodysense-0.1.0.dist-info/RECORD", "")
-    made = script["build_wheel"](native, library, target(script, "windows-x86_64"), tmp_path)
+    made = script["build_wheel"](
+        native, {"_core": library, "_fbx": library}, target(script, "windows-x86_64"), tmp_path
+    )
     assert made.name == "bodysense-0.1.0-py3-none-win_amd64.whl"
     with ZipFile(made) as wheel:
-        assert wheel.read("bodysense/_core.dll") == b"a library" and "bodysense/_core.so" not in wheel.namelist()
+        assert wheel.read("bodysense/_core.dll") == wheel.read("bodysense/_fbx.dll") == b"a library"
+        assert not [name for name in wheel.namelist() if name.endswith(".so")]
         assert wheel.read("bodysense-0.1.0.dist-info/WHEEL").decode() == "Wheel-Version: 1.0\nTag: py3-none-win_amd64\n"
         listed = {line.split(",")[0] for line in wheel.read("bodysense-0.1.0.dist-info/RECORD").decode().splitlines()}
         assert listed == set(wheel.namelist())

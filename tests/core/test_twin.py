@@ -15,6 +15,7 @@ from .twin.vectors import Tie
 
 DISTANCE = 1e-4  # m
 FINGER_AXIS = 1e-3  # of a rotation matrix: products round what they read to 16 bits
+STATE = 1e-3  # of a recurrent layer's states: another of 127 steps, times a weight
 MEMORY_HEADER = 140  # numbers of a memory before those of the recurrent layers
 
 
@@ -32,8 +33,8 @@ def hidden_of(state: TrackerState, twin: Twin) -> tuple[list[np.ndarray], np.nda
 def check(case: Case) -> None:
     """Step both, and compare them in each frame.
 
-    Products round their inputs to 16 bits, where differences in the last bit grow to that rounding. So that they stay
-    small, what the recurrent layers remember is compared in each frame as well, and the twin goes on with the core's.
+    Products round features to 16 bits and states to 8, where differences in the last bit grow to that rounding. So that
+    they stay small, what the recurrent layers remember is compared in each frame, and the twin uses the core's then.
     Comparison ends at a tie, which hardly any draw has.
     """
     observation, tracker = observation_of(case), Tracker(person_of(case), settings=case.settings)
@@ -41,14 +42,14 @@ def check(case: Case) -> None:
     for t in range(case.frames):
         estimate, state = tracker.step(observation[t : t + 1], state)
         try:
-            own = twin.step(observation, t, state.person(), estimate)
+            own = twin.step(observation, t, state.person(), estimate, hidden_of(state, twin))
         except Tie:
             assume(t > case.frames // 4)
             return
         body, hands = hidden_of(state, twin)
         what = f"frame {t} of {case}"
         for mine, layer in zip([*twin.memory.hidden, twin.memory.hands], [*body, hands], strict=True):
-            np.testing.assert_allclose(mine, layer, rtol=0, atol=5e-4, err_msg=what)
+            np.testing.assert_allclose(mine, layer, rtol=0, atol=STATE, err_msg=what)
         twin.memory.hidden, twin.memory.hands = body, hands
         for name in ("confidence", "bound", "contact"):
             values = getattr(estimate, name)[0]

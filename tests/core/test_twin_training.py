@@ -19,7 +19,7 @@ from .twin import features
 from .twin.body import Body, empty_body, place
 from .twin.cases import DEVICES, Case, cases, observation_of, person_of
 from .twin.fingers import hand_features, place_hand
-from .twin.layers import branch_of, recurrent_of, rounded, tables
+from .twin.layers import FEATURE, branch_of, recurrent_of, rounded, tables
 from .twin.network import Memory, first_memory
 from .twin.points import BODY_POINTS, HAND_JOINTS, HAND_POINTS, HEAD, WRISTS
 from .twin.step import WEIGHTS
@@ -120,10 +120,10 @@ def test_features_and_the_network_are_the_twins(
         both = np.stack([features.features(reading), features.features(features.mirrored(reading))], axis=1)
         bounded = torch.stack([read[t], image[t]], dim=1).clamp(-features.REACH, features.REACH)
         np.testing.assert_allclose(both, bounded.numpy(), rtol=0, atol=2e-4)
-        above = x = rounded(both)
+        above = x = rounded(both, FEATURE)
         for layer, state in enumerate(layers):
-            layers[layer] = recurrent_of(of, "body", layer).step(above, state)
-            above = rounded(layers[layer])
+            layers[layer] = recurrent_of(of, "body", layer).step(above, state, FEATURE)
+            above = rounded(layers[layer], FEATURE)
         outputs = [branch_of(of, f"body.{name}_branch").outputs(above, x) for name in ("turn", "judge")]
         np.testing.assert_allclose(np.concatenate(outputs), predicted[t].numpy(), rtol=0, atol=ROUNDED)
 
@@ -174,8 +174,8 @@ def test_finger_features_and_network_are_the_twins(
             rotation, error, hidden = network(signal, hidden)
         own = np.stack([hand_features(of, seen, frame.head, body, memory, hand) for hand in (0, 1)], axis=1)
         np.testing.assert_allclose(own, read.T.numpy(), rtol=0, atol=2e-4)
-        memory.hands = recurrent_of(of, "fingers", 0).step(rounded(own), memory.hands)
-        outputs = branch_of(of, "fingers.branch").outputs(rounded(memory.hands), rounded(own))
+        memory.hands = recurrent_of(of, "fingers", 0).step(rounded(own, FEATURE), memory.hands, FEATURE)
+        outputs = branch_of(of, "fingers.branch").outputs(rounded(memory.hands, FEATURE), rounded(own, FEATURE))
         memory.wrists = body.point[list(WRISTS)].copy()
         seen.has_position[:], seen.has_rotation[:] = False, False  # what is predicted, without what is measured
         for hand, joints in enumerate(HAND_JOINTS):

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle
-from bodysense.io.formats.bvh_text import BvhFile, euler_near, open_bvh
+from bodysense.io.formats.bvh_text import BvhFile, open_bvh
+from bodysense.io.rigs.joint_file import euler_near
 
 TEXT = """HIERARCHY\r
 ROOT Hips\r

@@ -11,6 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import BPoly
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import forward_kinematics
@@ -20,6 +23,7 @@ from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 from bodysense.io.formats.gltf.motion import figure_of_gltf, read_gltf
+from bodysense.io.formats.gltf.tracks import Track, sampled
 from bodysense.io.motion_files import write_motion
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.rigs.rig import recognise
@@ -200,3 +204,17 @@ def test_a_glb_with_a_wrong_length_is_refused(tmp_path: Path) -> None:
     (tmp_path / "a.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 100) + struct.pack("<II", 1 << 31, 0x4E4F534A))
     with pytest.raises(BodysenseError, match="it ends within a part of 2147483648 bytes"):
         read_gltf(tmp_path / "a.glb")
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_a_spline_leaves_and_reaches_its_keys_with_their_tangents(seed: int) -> None:
+    """SciPy's polynomials between two keys are the oracle; in- and out-tangent of a key differ."""
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.05, 0.6, 5))
+    into, values, out = rng.normal(size=(3, 5, 3))
+    track = Track(times, np.stack([into, values, out], axis=1).reshape(-1, 3), "CUBICSPLINE")
+    for k in range(4):
+        time = rng.uniform(times[k], times[k + 1], 9)
+        curve = BPoly.from_derivatives(times[k : k + 2], [[values[k], out[k]], [values[k + 1], into[k + 1]]])
+        np.testing.assert_allclose(sampled(track, time, False), curve(time), atol=1e-9)

@@ -200,8 +200,8 @@ def test_invalid_motions_are_refused_and_leave_no_file(waving_clip: Clip, tmp_pa
             write_motion(path, other)
     with pytest.raises(BodysenseError, match="pelvis at y = 0 m; it must stand on y = 0"):
         write_vrma(tmp_path / "a.vrma", replace(waving_clip, pose=Pose(floating, pose.root_position, pose.rotation)))
-    with pytest.raises(BodysenseError, match=r"ends in '.fbx'; give a name that ends in .bvh, .glb, .vrma or .mcap"):
-        check_ending(tmp_path / "a.fbx")
+    with pytest.raises(BodysenseError, match=r"ends in '.dae'; give a name that ends in .bvh, .fbx, .glb, .vrma or"):
+        check_ending(tmp_path / "a.dae")
     with pytest.raises(BodysenseError, match="does not exist; create it"):
         check_ending(tmp_path / "nowhere" / "a.glb")
     assert not list(tmp_path.iterdir())

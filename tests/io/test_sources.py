@@ -136,11 +136,11 @@ def test_a_folder_without_motion_is_refused(tmp_path: Path, described: Path) -> 
 
 
 def test_files_without_motion_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "a.fbx").write_text("x")
+    (tmp_path / "a.dae").write_text("x")
     (tmp_path / "b.bvh").write_text("")
     (tmp_path / "c.npz").write_text("not a zip file")
     for name, message in (
-        ("a.fbx", "unknown kind of file '.fbx'; valid are .bvh, .npz"),
+        ("a.dae", "unknown kind of file '.dae'; valid are .bvh, .npz"),
         ("b.bvh", "the file is empty"),
         ("c.npz", "cannot be read as an .npz file"),
         ("d.bvh", "cannot be read .No such file"),

@@ -173,6 +173,7 @@ def test_completion_equals_the_tracker(short_clip: Clip) -> None:
             "--model 0 -o zero.pt, then bodysense train hmd-vae --data DIR --model 3 --decoder zero.pt -o model3.onnx",
         ),
         ("--method hmd_vae --variant cnn", "valid are 0, 1, 2, 3, 4"),
+        ("--method unoc --variant paper", "bodysense train body-gru --data DIR --form paper -o body.onnx"),
         ("--method unoc --calibration flat.npz", "for --method two_hands, not for unoc"),
         ("--method completion --variant 2", "has no such variant; leave it out"),
     ],

@@ -5,7 +5,10 @@ from __future__ import annotations
 import asyncio
 import socket
 import ssl
+import threading
 import time
+import urllib.error
+import urllib.request
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,17 +17,18 @@ import pytest
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import SIGNAL
 from bodysense_live.security.certificate import check_pair, own_certificate, qr_code
-from bodysense_live.security.safety import Limits, TokenThrottle
+from bodysense_live.security.safety import Access, Limits, TokenThrottle
 from bodysense_live.server.live import Live
 from bodysense_live.server.messages import Hello, Recentre, Resume, Source
 from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.send_queue import SendQueue
 from bodysense_live.server.session_slot import OutputSelector, SessionSlot
 from bodysense_live.server.settings import ServerSettings
+from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.session import Session
 
-from .conftest import DEVICES, Connecting, Serving, signal
+from .conftest import DEVICES, Address, Connecting, Serving, signal
 
 
 def test_a_certificate_is_created_once_for_its_addresses(tmp_path: Path) -> None:
@@ -96,18 +100,104 @@ def test_the_delay_of_wrong_tokens_doubles(monkeypatch: pytest.MonkeyPatch) -> N
     assert waited == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 0.25, 0.25]
 
 
-def test_pending_refusals_make_an_address_busy() -> None:
-    async def guess() -> tuple[bool, bool]:
+def test_few_refusals_of_a_key_are_pending() -> None:
+    async def guess() -> tuple[bool, list[asyncio.Task[bool]]]:
         throttle = TokenThrottle()
         waiting = [asyncio.create_task(throttle.delay("10.0.0.1", 0.0)) for _ in range(4)]
+        other = asyncio.create_task(throttle.delay("10.0.0.2", 0.0))
         await asyncio.sleep(0)
-        found = throttle.is_busy("10.0.0.1"), throttle.is_busy("10.0.0.2")
-        for task in waiting:
+        found = await throttle.delay("10.0.0.1", 0.0)
+        pending = [task for task in (*waiting, other) if not task.done()]
+        for task in pending:
             task.cancel()
-        await asyncio.gather(*waiting, return_exceptions=True)
-        return found
+        await asyncio.gather(*pending, return_exceptions=True)
+        return found, pending
 
-    assert asyncio.run(guess()) == (True, False)
+    found, pending = asyncio.run(guess())
+    assert not found and len(pending) == 5
+
+
+def asked(address: Address, token: str, forwarded: str | None = None) -> tuple[int, float]:
+    """Return status and duration (s) of a request for metrics with a token."""
+    headers = {"Authorization": f"Bearer {token}"} | ({"X-Forwarded-For": forwarded} if forwarded else {})
+    begun = time.monotonic()
+    try:
+        with urllib.request.urlopen(
+            urllib.request.Request(f"{address.http}/metrics", headers=headers), timeout=30
+        ) as got:
+            return got.status, time.monotonic() - begun
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, time.monotonic() - begun
+
+
+def test_wrong_tokens_never_lock_out_the_right_one(server_of: Serving) -> None:
+    server, over = server_of(ServerSettings(Access(token="secret-token"))), threading.Event()
+    statuses: list[int] = []
+
+    def guess() -> None:
+        while not over.is_set():
+            statuses.append(asked(server, "wrong-token")[0])
+
+    threads = [threading.Thread(target=guess) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    try:
+        time.sleep(0.5)
+        for _ in range(10):
+            status, seconds = asked(server, "secret-token")
+            assert status == 200 and seconds < 1.0
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join(20)
+    assert set(statuses) == {403}
+
+
+@pytest.mark.parametrize(("proxies", "is_delayed"), [((), True), (("127.0.0.0/8",), False), (("10.0.0.0/8",), True)])
+def test_only_a_trusted_proxy_names_the_client(server_of: Serving, proxies: tuple[str, ...], is_delayed: bool) -> None:
+    """Wrong tokens of one client delay those of another only if both seem to have the proxy's address."""
+    server = server_of(ServerSettings(Access(token="secret-token", trusted_proxies=proxies)))
+    for _ in range(3):
+        assert asked(server, "wrong-token", "203.0.113.1, 203.0.113.5")[0] == 403
+    seconds = asked(server, "wrong-token", "203.0.113.5, 203.0.113.2")[1]  # the last address is the proxy's word
+    assert (seconds > 1.5) == is_delayed
+
+
+@pytest.mark.parametrize("proxy", ["proxy.example", "10.0.0.0/99", "10.0.0.1/8", ""])
+def test_proxies_are_addresses(proxy: str) -> None:
+    with pytest.raises(BodysenseError, match=r"--trusted-proxy .*give an address or a network"):
+        Access(trusted_proxies=(proxy,))
+
+
+def test_a_wrong_token_of_a_session_is_delayed_by_address_and_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys: list[str] = []
+
+    async def delay(self: TokenThrottle, key: str, now: float) -> bool:
+        keys.append(key)
+        return len(keys) < 5
+
+    monkeypatch.setattr(TokenThrottle, "delay", delay)
+
+    async def go() -> list[str]:
+        live = Live(ServerSettings(), Metrics(), Supervisor(lambda failure: None))
+        live.start()
+        slots = [await live.admit(Hello(1, DEVICES), SendQueue(8)) for _ in range(2)]
+
+        async def resumed(k: int, address: str, token: str) -> SessionSlot:
+            hello = Hello(1, DEVICES, resume=Resume(slots[k].session_id, token))
+            return await live.admit(hello, SendQueue(8), address)
+
+        for k, address in ((0, "10.0.0.1"), (1, "10.0.0.1"), (0, "10.0.0.2"), (0, "10.0.0.1")):
+            assert await resumed(k, address, "x") not in slots
+        assert await resumed(0, "10.0.0.1", slots[0].token) is slots[0]  # the right token never waits
+        with pytest.raises(BodysenseError, match="too many wrong tokens"):
+            await resumed(0, "10.0.0.1", "x")
+        await live.stop()
+        return [slot.session_id for slot in slots]
+
+    one, other = asyncio.run(go())
+    assert keys == [f"10.0.0.1 {one}", f"10.0.0.1 {other}", f"10.0.0.2 {one}", f"10.0.0.1 {one}", f"10.0.0.1 {one}"]
 
 
 def answer(points: int) -> Answer:
@@ -158,7 +248,7 @@ def test_a_session_is_watched_with_its_token(server_of: Serving, connect: Connec
 
 def test_a_wrong_token_watches_nothing() -> None:
     async def follow() -> str:
-        live = Live(ServerSettings(), Metrics())
+        live = Live(ServerSettings(), Metrics(), Supervisor(lambda failure: None))
         live.start()
         slot = await live.admit(Hello(1, DEVICES), SendQueue(8))
         try:
@@ -175,7 +265,7 @@ def test_a_wrong_token_watches_nothing() -> None:
 @pytest.mark.parametrize("turns", range(4))
 def test_a_server_stops_in_any_turn_of_its_loop_after_a_client_left(turns: int) -> None:
     async def left_and_stopped() -> None:
-        live, queue = Live(ServerSettings(), Metrics()), SendQueue(8)
+        live, queue = Live(ServerSettings(), Metrics(), Supervisor(lambda failure: None)), SendQueue(8)
         live.start()
         slot = await live.admit(Hello(1, DEVICES), queue)
         await asyncio.sleep(0.15)  # until no session must be stored

@@ -15,12 +15,15 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import default_skeleton
+from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, observe
 from bodysense.devices.simulated.sensors import observe as see
 from bodysense.geometry.rigid import RigidTransform
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.formats.protocol import ProtocolError, SignalFrame
 from bodysense.observing.observation import Observation
+from bodysense.tracking.estimate import CONTACT_POINTS
+from bodysense.tracking.tracker import Tracker
 from bodysense_live.server.messages import (
     Calibrate,
     Notice,
@@ -31,6 +34,7 @@ from bodysense_live.server.messages import (
     UpdateSettings,
 )
 from bodysense_live.sessions.answer import Answer
+from bodysense_live.sessions.body_display import BodyDisplay
 from bodysense_live.sessions.estimation import step_many
 from bodysense_live.sessions.session import Session
 
@@ -344,3 +348,22 @@ def test_a_nan_estimate_does_not_stop_a_session() -> None:
     broken = Pose(SKELETON, np.full((1, 3), np.nan), estimate.pose.rotation)
     assert one.answer(job, replace(estimate, pose=broken), state) is None
     assert play(one, 0.1, 1.0)
+
+
+def test_contacts_errors_and_hidden_joints_are_mirrored_with_the_body() -> None:
+    clip = performance_of_unseen_body()
+    skeleton = clip.pose.skeleton
+    observation = see(clip.pose[:1], clip.time[:1], THREE_POINT)
+    tracker = Tracker(Person(skeleton))
+    estimate, _ = tracker.step(observation, tracker.start())
+    contact = np.array([[0.1, 0.9, 0.2, 0.7]])
+    estimate = replace(estimate, contact=contact, confidence=np.arange(len(skeleton.points))[None] / 10)
+    sent = [
+        BodyDisplay(skeleton, Settings(mirror=mirror), False).step(skeleton, observation, estimate, frame(0.0))[1]
+        for mirror in (False, True)
+    ]
+    names = [name.replace("left", "@").replace("right", "left").replace("@", "right") for name in CONTACT_POINTS]
+    order = [CONTACT_POINTS.index(name) for name in names]
+    np.testing.assert_array_equal(sent[1].contact, contact[0, order])
+    np.testing.assert_array_equal(sent[1].expected_error, sent[0].expected_error[skeleton.mirror])
+    np.testing.assert_array_equal(sent[1].hidden, sent[0].hidden[skeleton.mirror])

@@ -17,7 +17,7 @@ from bodysense.geometry.rigid import RigidTransform
 from bodysense_live.protocols.webxr import Placement
 from bodysense_live.security.safety import Limits
 from bodysense_live.server.messages import Resume, Settings, UpdateSettings
-from bodysense_live.server.session_store import SessionStore, StoredSession
+from bodysense_live.server.session_store import SessionStore, StoredSession, check_store
 from bodysense_live.server.settings import ServerSettings
 
 from ..conftest import Refused
@@ -193,14 +193,42 @@ def test_steps_are_counted_for_an_autoscaler(server_of: Serving, connect: Connec
             "--shared /srv/sessions: give the address of a Valkey or Redis, such as redis://10.0.0.2:6379",
         ),
         ("http://here", "--shared http://here: give the address of a Valkey or Redis"),
-        ("redis://ada:secret99@127.0.0.1:1/0", "--shared redis://127.0.0.1:1/0: no Valkey or Redis answers there"),
-        ("redis://127.0.0.1:port", "--shared redis://127.0.0.1:port: no Valkey or Redis answers there"),
+        ("redis://127.0.0.1:port", "--shared redis://127.0.0.1:port: refused (Port could not be cast"),
     ],
 )
-def test_an_address_without_a_store_is_refused(refused: Refused, address: str, expected: str) -> None:
+def test_an_address_of_no_store_is_refused(refused: Refused, address: str, expected: str) -> None:
     pytest.importorskip("redis", reason="needs packages/live[shared]")
     line = refused("serve", "--port", 0, "--shared", address)
     assert expected in line and "secret99" not in line
+
+
+def test_a_wrong_password_is_refused(refused: Refused, store: str) -> None:
+    line = refused("serve", "--port", 0, "--shared", store.replace(":pw@", ":secret99@"))
+    assert "refused (" in line and "give the address and the password" in line and "secret99" not in line
+
+
+def test_a_server_starts_while_its_store_is_away(capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("redis", reason="needs packages/live[shared]")
+    port = free_port()
+    address = f"redis://ada:secret99@127.0.0.1:{port}/0"
+    assert check_store(address) == address
+    line = capfd.readouterr().err
+    assert line.startswith(f"bodysense: --shared redis://127.0.0.1:{port}/0: no Valkey or Redis answers there yet (")
+    assert line.count("\n") == 1 and "secret99" not in line
+
+
+def test_a_server_that_started_without_its_store_shares_sessions_once_it_answers(
+    server_of: Serving, connect: Connecting
+) -> None:
+    port = free_port()
+    address = f"redis://:pw@127.0.0.1:{port}"
+    one, other = (server_of(ServerSettings(shared=check_store(address))) for _ in range(2))
+    client = connect(one, settings=Settings(height=1.5))
+    again = Resume(client.welcome["session"], client.welcome["token"])
+    with storing(port):
+        time.sleep(1.5)
+        found = connect(other, resume=again).welcome
+        assert found["resumed"] and found["settings"]["height"] == 1.5
 
 
 def test_stored_text_is_valid_json() -> None:

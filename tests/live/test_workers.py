@@ -10,25 +10,30 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import MagicMock
 
+import numpy as np
 import pytest
 from websockets import WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from bodysense.io.formats.protocol import SUBPROTOCOL
+from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, SignalFrame, write_signal
+from bodysense_live.processes import pool as pool_module
+from bodysense_live.processes.pool import Workers, _take_connections, _Worker, distribute
 from bodysense_live.protocols.links import listen_tcp
 from bodysense_live.server.launch import make_server
 from bodysense_live.server.message_text import write_message
-from bodysense_live.server.messages import Hello, Resume, Settings
+from bodysense_live.server.messages import Hello, Recentre, Resume, Settings
 from bodysense_live.server.settings import ServerSettings
-from bodysense_live.server.workers import Workers, _take_connections, _Worker, distribute
 
 from .conftest import DEVICES
+from .conftest import signal as signal_frame
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "send_fds"), reason="this system hands no connection over")
 
@@ -117,46 +122,146 @@ def test_a_worker_serves_passed_connections_and_ends_with_its_parent(handing: tu
     assert not thread.is_alive()
 
 
-def resumed(address: str, resume: Resume | None) -> dict[str, Any] | None:
-    """Return the welcome of a server, or None without a server."""
-    try:
-        with connect(address, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None, open_timeout=5) as client:
-            client.send(write_message(Hello(1, DEVICES, resume=resume, settings=Settings(height=1.5))))
-            return json.loads(client.recv(timeout=10))
-    except (OSError, WebSocketException):
-        return None
+@dataclass
+class Wearer:
+    """A wearer who sends frames, and reconnects and resumes whenever the connection breaks."""
+
+    height: float
+    welcomes: list[dict[str, Any]] = field(default_factory=list)
+    placed: dict[str, Any] = field(default_factory=dict)
+    answered: float = 0.0  # s, time of the last answer
+    longest: float = 0.0  # s between two answers
+
+    def wear(self, address: str, over: threading.Event) -> None:
+        resume, sequence = None, 0
+        while not over.is_set():
+            with (
+                suppress(OSError, WebSocketException, TimeoutError),
+                connect(address, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None, open_timeout=1) as client,
+            ):
+                settings = Settings() if resume else Settings(height=self.height, mirror=True)
+                client.send(write_message(Hello(1, DEVICES, resume=resume, settings=settings)))
+                self.welcomes.append(json.loads(client.recv(timeout=1)))
+                resume = Resume(self.welcomes[-1]["session"], self.welcomes[-1]["token"])
+                if len(self.welcomes) == 1:
+                    client.send(write_message(Recentre()))
+                while not over.is_set():
+                    client.send(write_signal(moved(signal_frame(sequence, sequence / 30))))
+                    sequence += 1
+                    self.read(client, time.monotonic() + 1 / 30)
+
+    def read(self, client: Any, until: float) -> None:
+        while (remaining := until - time.monotonic()) > 0:
+            try:
+                received = client.recv(timeout=remaining)
+            except TimeoutError:
+                return
+            if isinstance(received, str):
+                message = json.loads(received)
+                self.placed = message if message["type"] == "placed" else self.placed
+            elif received[0] == POSE:
+                now = time.monotonic()
+                self.longest, self.answered = max(self.longest, now - (self.answered or now)), now
+
+
+def moved(frame: SignalFrame) -> SignalFrame:
+    """Return a frame of a wearer who is away from the origin of the sensors."""
+    return replace(frame, position=frame.position + np.array([1.0, 0.0, 2.0], dtype=np.float32))
+
+
+@contextmanager
+def serving_workers(*options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """Run a server of two workers within the block. Yield it and its WebSocket's address."""
+    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--workers", "2", *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        try:
+            assert server.stdout is not None
+            yield server, server.stdout.readline().split()[-1].replace("http", "ws") + "ws"
+        finally:
+            for worker in children(server.pid, "spawn_main"):
+                with suppress(ProcessLookupError):
+                    os.kill(worker, signal.SIGCONT)
+            server.terminate()
 
 
 @pytest.mark.alone
 @pytest.mark.slow
-def test_a_killed_worker_is_replaced_and_its_wearers_resume(shared: str) -> None:
-    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0", "--workers", "2", "--shared", shared]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+@pytest.mark.parametrize("end", [signal.SIGSTOP, signal.SIGKILL])
+@pytest.mark.parametrize("is_shared", [False, True])
+def test_wearers_of_a_worker_that_hangs_or_ends_resume_in_another(
+    end: signal.Signals, is_shared: bool, request: pytest.FixtureRequest
+) -> None:
+    options = ("--shared", request.getfixturevalue("shared")) if is_shared else ()
+    with serving_workers(*options) as (server, address):
+        wearers, over = [Wearer(1.7 + 0.05 * k) for k in range(4)], threading.Event()
+        threads = [threading.Thread(target=one.wear, args=(address, over)) for one in wearers]
+        for thread in threads:
+            thread.start()
         try:
-            assert server.stdout is not None
-            address = server.stdout.readline().split()[-1].replace("http", "ws") + "ws"
-            first = resumed(address, None)
-            assert first is not None
-            time.sleep(3)  # until the spare worker has loaded
-            serving = first_child(server.pid, "spawn_main")
-            if serving is None:
-                pytest.skip("this system does not list child processes")
-            os.kill(serving, signal.SIGKILL)
-            killed, second = time.monotonic(), None
-            while second is None and time.monotonic() - killed < 20:
-                second = resumed(address, Resume(first["session"], first["token"]))
-            assert second is not None and time.monotonic() - killed < 5.0  # about 1 s on an idle machine
-            assert second["resumed"] and second["session"] == first["session"]
-            assert second["settings"]["height"] == 1.5
+            workers = until(lambda: len(found := children(server.pid, "spawn_main")) >= 3 and found)
+            until(lambda: all(one.answered and one.placed for one in wearers))
+            time.sleep(4.0)  # until the spare worker has loaded
+            before = [one.placed for one in wearers]
+            for one in wearers:
+                one.longest = 0.0
+            os.kill(workers[0], end)
+            time.sleep(5.0)
+            now = time.monotonic()
+            assert all(now - one.answered < 0.5 for one in wearers)
+            reconnected = [one for one in wearers if len(one.welcomes) > 1]
+            assert len(reconnected) == 2  # connections are balanced
+            assert max(one.longest for one in wearers) < 2.0, [one.longest for one in wearers]
+            print(f"{end.name}: longest silence {max(one.longest for one in reconnected):.2f} s")
+            assert workers[0] not in children(server.pid, "spawn_main")
+            for one, placed in zip(wearers, before, strict=True):
+                back = one.welcomes[-1]
+                assert back["resumed"] == (one in reconnected) and one.placed == placed
+                assert back["session"] == one.welcomes[0]["session"]
+                assert back["settings"]["height"] == one.height and back["settings"]["mirror"]
         finally:
-            server.terminate()
+            over.set()
+            for thread in threads:
+                thread.join(10)
 
 
-def first_child(parent: int, word: str) -> int | None:
-    """Return the first child of a process with a word in its command."""
+def until(found: Callable[[], Any], seconds: float = 60.0) -> Any:
+    """Return the first true value of a function."""
+    end = time.monotonic() + seconds
+    while not (value := found()):
+        assert time.monotonic() < end
+        time.sleep(0.02)
+    return value
+
+
+def test_a_stopped_machine_has_no_silent_workers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Silence counts only the time in which the parent itself runs."""
+    clock, replaced = [0.0], list[_Worker]()
+    monkeypatch.setattr(pool_module.time, "monotonic", lambda: clock[0])
+    pool = Workers.__new__(Workers)
+    ready = threading.Semaphore(0)
+    worker = _Worker(MagicMock(), socket.socket(), ready, serves=True)
+    pool.all, pool._count, pool._due, pool._turn_at = [worker], 1, [], 0.0
+    monkeypatch.setattr(pool, "replace", replaced.append)
+    clock[0] = 60.0  # the machine slept
+    pool.poll()
+    assert not replaced and worker.silence <= 0.2
+    for _ in range(10):
+        clock[0] += 0.1
+        pool.poll()
+    assert not replaced
+    for _ in range(10):
+        clock[0] += 0.1
+        pool.poll()
+    assert worker in replaced and worker.process.kill.called
+    worker.channel.close()
+
+
+def children(parent: int, word: str) -> list[int]:
+    """Return children of a process with a word in their command."""
+    found = []
     for one in sorted(int(path.name) for path in Path("/proc").glob("[0-9]*")):
         with suppress(OSError):  # the process has ended meanwhile
             is_child = f"PPid:\t{parent}\n" in Path(f"/proc/{one}/status").read_text()
             if is_child and word in Path(f"/proc/{one}/cmdline").read_text(errors="replace"):
-                return one
-    return None
+                found.append(one)
+    return found

@@ -79,11 +79,11 @@ def test_invalid_conversions_are_refused(tmp_path: Path, take: Path, waving_clip
         (seen, {}, "observation: not a motion, and conversion tracks nothing; complete it: bodysense track"),
         (take, {"rate": 0.0}, "frame rate 0 Hz cannot be"),
         (take, {"rig": "maya"}, "unknown rig 'maya'; valid are bodysense"),
-        (waving_clip, {"rig": "source"}, r"only a \.bvh file has a rig of its own"),
+        (waving_clip, {"rig": "source"}, r"only a \.bvh or \.fbx file has a rig of its own"),
     )
     for given, options, message in cases:
         with pytest.raises(BodysenseError, match=message):
             bodysense.convert(given, out, **options)
-    with pytest.raises(BodysenseError, match=r"give a name that ends in \.bvh, \.glb"):
-        bodysense.convert(take, tmp_path / "out.fbx")
+    with pytest.raises(BodysenseError, match=r"give a name that ends in \.bvh, \.fbx, \.glb"):
+        bodysense.convert(take, tmp_path / "out.dae")
     assert not out.exists()

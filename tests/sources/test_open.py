@@ -28,14 +28,14 @@ def test_every_kind_of_source_is_recognised(tmp_path: Path, waving_clip: Clip) -
     write_recording(tmp_path / "a.npz", Recording(seen, waving_clip.pose.skeleton))
     (tmp_path / "a.mp4").write_bytes(b"")
     motion = open_source(tmp_path / "a.bvh")
-    assert isinstance(motion, MotionSource) and motion.bvh == tmp_path / "a.bvh" and len(motion.clip) == 90
+    assert isinstance(motion, MotionSource) and motion.joint_file == tmp_path / "a.bvh" and len(motion.clip) == 90
     assert open_source(motion) is motion and "read " in motion.remarks[0]
     assert isinstance(open_source(tmp_path / "a.npz"), RecordingSource)
     assert isinstance(open_source(str(tmp_path / "a.mp4")), VideoSource)
     (tmp_path / "a.png").write_bytes(b"")
     assert kind_of(tmp_path) == "video"  # a folder of images, whatever else is in it
     in_memory = open_source(waving_clip)
-    assert isinstance(in_memory, MotionSource) and in_memory.clip is waving_clip and in_memory.bvh is None
+    assert isinstance(in_memory, MotionSource) and in_memory.clip is waving_clip and in_memory.joint_file is None
     frames = open_source(seen)
     assert isinstance(frames, RecordingSource) and not frames.recording.known
 
@@ -56,7 +56,6 @@ def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> Non
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("take.fbx", "convert it with Blender"),
         ("take.mvnx", r"export the take from Xsens as \.bvh"),
         ("take.vmd", "MikuMikuDance, is not read; import model and motion in Blender"),
         ("keypoints.json", "OpenPose, .* give the video itself"),

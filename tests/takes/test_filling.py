@@ -13,7 +13,7 @@ from bodysense.body.footing import side_clearance
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
-from bodysense.geometry.rotation import geodesic_angle
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import read_bvh, write_bvh
 from bodysense.io.formats.bvh_text import BvhFile, open_bvh
@@ -230,7 +230,7 @@ def test_missing_is_for_motions(take: Path, steps: Clip) -> None:
     with pytest.raises(BodysenseError, match="leave --height out"):
         track(take, missing="left_hand", height=1.8)
     recording = bodysense.track(steps, device="three_point")
-    with pytest.raises(BodysenseError, match=r"only a \.bvh file has a rig"):
+    with pytest.raises(BodysenseError, match=r"only a \.bvh or \.fbx file has a rig"):
         recording.save("out.bvh", "source")
     assert replace(recording, source=take).source == take
 
@@ -275,3 +275,17 @@ def test_frames_are_counted_per_joint(take: Path) -> None:
 
     partial = open_partial(take, missing_items("left_elbow,left_wrist:10-20,head:5-6"))
     assert holes_line(partial) == "filled frames, of 80: left_wrist 11, left_elbow 11, head 2"
+
+
+@pytest.mark.parametrize(("seconds", "corrected"), [(0.25, False), (0.4, True)])
+def test_legs_of_short_gaps_are_not_corrected(take: Path, seconds: float, corrected: bool) -> None:
+    """In a gap of less than 0.3 s interpolation is nearer to the truth than a leg that is bent for the floor."""
+    rate = motion_of(take).frame_rate
+    motion = open_partial(take, missing_items(f"right_hip+:30-{29 + round(seconds * rate)}"))
+    gap = motion.missing.any(axis=1)
+    assert gap.sum() == round(seconds * rate)
+    rotation = np.array(motion.rotation)
+    rotation[gap, motion.rig.ours["right_knee"]] = quaternion_exp(np.array([0.0, 0.0, 0.0]))
+    high = np.ones((len(gap), len(CONTACT_POINTS)))  # sure contacts: sliding feet are stopped
+    held = hold_filled_feet(motion, rotation, high, 0.3)  # and a floor above the soles
+    assert (np.abs(held - rotation).max() > 1e-3) == corrected

@@ -66,3 +66,14 @@ def test_the_mean_of_rotations_is_between_them() -> None:
     a, b = quaternion_exp(np.array([[0.2, 0.0, 0.0], [0.8, 0.0, 0.0]]))
     for share in (0.0, 0.5, 1.0):
         assert geodesic_angle(mean_rotation(a, -b, share), a) == pytest.approx(0.6 * share, abs=1e-6)
+
+
+def test_a_return_is_reached_at_a_joints_fastest_speed() -> None:
+    """An elbow that spins at 18 rad/s on both sides of a jump enters it at 9 rad/s, which no person exceeds."""
+    spin, jump = np.array([0.0, 18.0 * SECONDS, 0.0]), np.array([0.0, 1.0, 0.0])
+    rotation, head, seen = leaping()
+    angle = np.arange(FRAMES)[:, None] * spin + (np.arange(FRAMES) >= RETURN)[:, None] * jump
+    rotation[:, ELBOW] = quaternion_exp(angle)
+    found, _ = lead_to_returns(rotation, head, seen, SECONDS)
+    into = geodesic_angle(found[RETURN, ELBOW], found[RETURN - 1, ELBOW])
+    assert into == pytest.approx(9.0 * SECONDS, rel=0.02)

@@ -52,6 +52,24 @@ def test_a_causal_take_equals_live_tracking(three_points: Observation) -> None:
         np.testing.assert_allclose(positions(take.clip.pose[k]), estimate.points[0], atol=1e-3)
 
 
+@pytest.mark.parametrize("ending", [".npz", ".jsonl"])
+def test_raw_poses_of_devices_are_read_from_a_file(three_points: Observation, tmp_path: Path, ending: str) -> None:
+    """A file with a headset and controllers gives what the tracker gives for the same frames."""
+    raw = replace(three_points, points=("headset", "left_controller", "right_controller"))
+    assert three_points.points == ("head", "left_wrist", "right_wrist")
+    path = tmp_path / f"devices{ending}"
+    write_recording(path, Recording(raw, default_skeleton(), known=False))
+    take, tracker = track(path, causal=True), Tracker(Person())
+    state = tracker.start()
+    for k in range(len(raw)):
+        estimate, state = tracker.step(read(path).observation[k : k + 1], state)
+        np.testing.assert_allclose(take.estimate.points[k], estimate.points[0], atol=1e-6)
+    twice = replace(three_points, points=("head", "headset", "right_wrist"))
+    write_recording(path, Recording(twice, default_skeleton(), known=False))
+    with pytest.raises(BodysenseError, match="'headset' and 'head' are the same point"):
+        track(path)
+
+
 def test_the_command_has_a_causal_option(three_points: Observation, tmp_path: Path) -> None:
     """`track --causal` writes the motion of a live session; without it another motion is written."""
     write_recording(tmp_path / "seen.npz", Recording(three_points, default_skeleton()))

@@ -14,12 +14,12 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.device import simulate
 from bodysense.devices.simulated.noise import hide
-from bodysense.geometry.rotation import geodesic_angle
+from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.observing.observation import Observation, concatenated_frames
 from bodysense.takes import two_way
 from bodysense.takes.take import track
-from bodysense.takes.two_way import TwoWayTracker, infer_person, reverse_time
+from bodysense.takes.two_way import TwoWayTracker, crossfade, infer_person, reverse_time
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import packaged_model
 from bodysense.tracking.tracker import Tracker, TrackerSettings
@@ -189,3 +189,24 @@ def test_a_longer_take_needs_no_more_memory_than_its_result(
     peaks(150)  # loads the networks
     per_frame = (peaks(1200) - peaks(600)) / 600  # both with more than two blocks of a BVH file
     assert (per_frame < [5000, 5000, 6000]).all()
+
+
+def test_a_crossfade_leads_from_one_body_to_the_other(seen: Observation, person: Person) -> None:
+    """The windows agree in practice, so the direction of the fade shows only with two different bodies."""
+    after = complete(person, seen[:12])
+    turn = quaternion_exp(np.array([0.0, 0.6, 0.0]))
+    pose = replace(
+        after.pose,
+        root_position=np.asarray(after.pose.root_position) + np.array([0.5, 0.0, 0.0]),
+        rotation=quaternion_multiply(np.asarray(after.pose.rotation), turn),
+    )
+    frames = 7
+    faded = crossfade(replace(after, pose=pose), after, frames)
+    root = np.asarray(faded.pose.root_position - after.pose.root_position)[:, 0]
+    angle = geodesic_angle(np.asarray(faded.pose.rotation), np.asarray(after.pose.rotation)).max(axis=1)
+    for share in (root / 0.5, angle / 0.6):
+        assert share[0] > 0.9 and share[frames - 1] < 0.1
+        assert share[frames // 2] == pytest.approx(0.5, abs=0.02)
+        assert (np.diff(share[:frames]) < 0).all() and np.abs(share[frames:]).max() < 1e-6
+    position = np.asarray(forward_kinematics(faded.pose)[0])
+    np.testing.assert_allclose(faded.points[:frames], position[:frames], atol=1e-6)

@@ -304,3 +304,31 @@ def test_nothing_jumps_when_sensors_are_lost(lost: list[str]) -> None:
     path = np.linalg.norm(np.diff(estimate.points[:, :22], axis=0), axis=-1).max(axis=-1)
     assert path[14] < 0.015  # m, in the frame of the loss
     assert path[14:].max() < 0.05
+
+
+def test_a_collar_that_is_no_longer_pulled_goes_back_slowly() -> None:
+    """A wrist out of reach pulls its shoulder. When it is lost, the collar takes 0.25 s, whatever `ease` is."""
+    clip = performance(frames=1)
+    still = seen(clip, "six_point")
+    pull = still.points.index("left_wrist")
+    frames = 40
+    position = np.repeat(still.position, frames, axis=0)
+    position[:, pull] += [0.5, 0.2, 0.0]
+    has_position = np.repeat(still.has_position, frames, axis=0)
+    has_position[20:, pull] = False
+    observation = replace(
+        still,
+        position=np.where(has_position[..., None], position, np.nan),
+        rotation=np.repeat(still.rotation, frames, axis=0),
+        has_position=has_position,
+        has_rotation=np.repeat(still.has_rotation, frames, axis=0),
+        accuracy=np.repeat(still.accuracy, frames, axis=0),
+        time=np.arange(frames) / 60,
+    )
+    tracker = Tracker(Person(clip.pose.skeleton), settings=TrackerSettings(ease=1e-4))
+    estimate, _ = tracker.step(observation, tracker.start())
+    names = clip.pose.skeleton.points
+    arm = estimate.points[:, names.index("left_shoulder")] - estimate.points[:, names.index("left_collar")]
+    step = np.linalg.norm(np.diff(arm, axis=0), axis=-1)
+    way = np.linalg.norm(arm[-1] - arm[19])
+    assert way > 0.02 and step[19:].max() < 0.1 * way

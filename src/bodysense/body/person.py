@@ -17,7 +17,7 @@ from bodysense.body.shape import TALLEST as TALLEST_ADULT
 from bodysense.body.shape import Measured, ShapeEstimate, shape_space
 from bodysense.body.shape import stature as stature_of
 from bodysense.body.skeleton import Skeleton, skeleton_from_table
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, expect
 from bodysense.files import written_beside
 from bodysense.geometry.rigid import RigidTransform
 
@@ -73,6 +73,8 @@ class Person:
             hands: hands by side, 'left' and 'right', from a calibration of their gloves; they replace the skeleton's.
             mounts: T_joint_tracker of trackers, by the joint that carries each.
         """
+        if skeleton is not None:
+            expect(skeleton, Skeleton, "Person", "a Skeleton, or a height in metres as Person(height=1.75)")
         stature = None if height is None else _measured(height, "height")
         known = {pair: _measured(value, f"distance {'–'.join(pair)}") for pair, value in (lengths or {}).items()}
         if skeleton is None:
@@ -254,7 +256,8 @@ class Person:
 
 def _measured(value: Measured | float, what: str) -> Measured:
     """Return a length with its deviation. Raises BodysenseError for an impossible height."""
-    length = value if isinstance(value, Measured) else Measured(value, EXACT_DEVIATION)
+    expect(value, (Measured, float, int, np.number), f"person: {what}", "a number of metres, such as 1.75")
+    length = value if isinstance(value, Measured) else Measured(float(value), EXACT_DEVIATION)
     if what == "height" and not SHORTEST <= length.value <= TALLEST:
         raise BodysenseError(
             f"person: height {length.value:g} m; people are {SHORTEST} to {TALLEST} m high, give metres"

@@ -9,6 +9,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from bodysense.body.skeleton import Skeleton
+from bodysense.errors import expect
 from bodysense.geometry.rotation import (
     Array,
     quaternion_conjugate,
@@ -40,6 +41,7 @@ def forward_kinematics(pose: Pose, rest_offset: Array | None = None) -> tuple[Ar
     `rest_offset` (..., P, 3) replaces the skeleton's own, so that bodies of different sizes can share a batch. Works on
     NumPy arrays and, differentiably, on PyTorch tensors. Bone lengths are kept exactly.
     """
+    expect(pose, Pose, "forward_kinematics", "a Pose")
     skeleton = pose.skeleton
     xp = array_namespace(pose.rotation)
     joint_levels = []

@@ -50,8 +50,8 @@ def info(
     are skipped, counted and listed with the reason.
 
     Args:
-        place: a motion file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), markers (.c3d, .trc, .tsv, .csv), a
-            recording, or a folder of them, also .bvh in .zip.
+        place: a motion file (.bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), markers (.c3d, .trc, .tsv,
+            .csv), a recording, or a folder of them, also .bvh in .zip.
         split: people of this split.
         layout: published data set of the folder; recognised by its content if omitted.
         picture: PNG file for bodies of a few frames of the first readable file.
@@ -103,12 +103,12 @@ def joints(
     out: Annotated[Path | None, tyro.conf.arg(aliases=("-o",))] = None,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Draft the table for --joints: every joint of a BVH or glTF file, and the joint of ours that it matches.
+    """Draft the table for --joints: every joint of a BVH, FBX or glTF file, and the joint of ours that it matches.
 
     If no body is recognised, joints are matched by their names alone.
 
     Args:
-        file: .bvh, .glb or .gltf file.
+        file: .bvh, .fbx, .glb or .gltf file.
         out: .json file; printed if omitted.
         reading: facts that the file omits.
     """
@@ -122,11 +122,11 @@ def joints(
         raise BodysenseError(f"-o {out}: the table for --joints is JSON; give a name that ends in .json")
     ending = file.suffix.lower()
     if ending in (".glb", ".gltf"):
-        figure, reading = figure_of_gltf(file), replace(reading, up="y", floor=0.0)
-    elif ending == ".bvh":
+        figure, reading = figure_of_gltf(file, reading.animation), replace(reading, up="y", floor=0.0)
+    elif ending in (".bvh", ".fbx"):
         figure = figure_of_file(MotionFile(file).read(), file, reading)
     else:
-        raise BodysenseError(f"{file}: joints are named in .bvh, .glb and .gltf files only; give one")
+        raise BodysenseError(f"{file}: joints are named in .bvh, .fbx, .glb and .gltf files only; give one")
     try:
         rig = recognise(figure, reading)
         given, note = dict(rig.joints), f"; {rig.line()}"
@@ -218,3 +218,4 @@ def sources() -> None:
     for entry in CATALOGUE:
         table.add_row(entry.name, entry.what, entry.format, entry.fingers, entry.licence, entry.where, entry.tables)
     Console().print(table)
+    print("The figures of the documentation are of CMU and Rocketbox; none is of another set.")

@@ -48,7 +48,7 @@ def simulate(
     """Record what a device would track of a motion.
 
     Args:
-        file: motion: .bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.
+        file: motion: .bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.
         out: recording, .npz or .jsonl (docs/recording.md); of gloves also .csv or .c3d (docs/gloves.md).
         device: simulated device that tracks the body.
         rate: frames a second, for files without a frame rate.
@@ -117,20 +117,20 @@ def track(  # noqa: PLR0915
 
     Args:
         file: recording (.npz, .jsonl), markers of a body or of gloves (.c3d, .csv, .trc, .tsv), video (a file, a folder
-            of images, or a webcam's index), or a motion (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) with
+            of images, or a webcam's index), or a motion (.bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) with
             holes, or with --device any motion.
-        out: completed motion: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or
-            .mcap (a take for robots' tools). For a marker file also a name with its ending (.trc, .c3d, .tsv, .csv):
-            the same file with the gaps of its markers filled.
+        out: completed motion: .bvh, .fbx, .glb (glTF with an animated skeleton), .vrma (an animation for VRM
+            avatars) or .mcap (a take for robots' tools). For a marker file also a name with its ending (.trc, .c3d,
+            .tsv, .csv): the same file with the gaps of its markers filled.
         device: simulated device that tracks a motion. If omitted, the holes of the motion are filled, and its known
             frames are unchanged.
         missing: missing joints of a motion, by its names or ours: left_forearm,left_hand. LeftForeArm+ includes all
             its descendants; left_forearm,left_hand:100-240 are both missing in these frames (from 0, both included). If
             omitted: values that are not numbers, and limbs with constant values while the body moves.
-        rig: target rig: 'bodysense' and 'smplh' are our 52 joints, 'mixamo', 'unreal', 'rigify' and 'vrm' the same
-            joints under these names; 'source' is the rig of FILE, with its holes filled, and NAME.bvh that of another
-            BVH file, to whose body the motion is fitted. If omitted: 'source' for a .bvh with holes that is written as
-            .bvh, else 'bodysense'.
+        rig: target rig: 'bodysense' and 'smplh' are our 52 joints; 'mixamo', 'unreal', 'metahuman', 'rigify', 'vrm',
+            'vrchat', 'lafan1', 'soma' and 'mhr' the same joints under these names; 'source' is the rig of FILE, with
+            its holes filled, and NAME.bvh or NAME.fbx that of another file, to whose body the motion is fitted. If
+            omitted: 'source' for a .bvh or .fbx with holes that is written as the same, else 'bodysense'.
         person: wearer's file, written by --save-person.
         save_person: JSON file for the wearer, as inferred at the end.
         hold_feet: hold standing feet, and keep feet above the floor.
@@ -185,7 +185,7 @@ def track(  # noqa: PLR0915
         _write_with_fingers(opened, out, model)
         write_summary(json, [out], {})
         return
-    if isinstance(opened, MotionSource) and (device is not None or opened.bvh is None):
+    if isinstance(opened, MotionSource) and (device is not None or opened.joint_file is None):
         for line in opened.remarks:
             print(line)
     # A body with gloves already has the given height, and a motion was scaled to it.
@@ -250,22 +250,22 @@ def convert(
     """Write a whole motion as another kind of file, on another rig, or at another rate.
 
     Args:
-        file: motion: .bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.
-        out: .bvh, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or .mcap (a take that
-            robots' tools read).
-        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints; 'mixamo', 'unreal', 'rigify' and 'vrm' the
-            same under these names; 'source' is the rig of a .bvh FILE, NAME.bvh that of another BVH file, to whose body
-            the motion is fitted.
+        file: motion: .bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.
+        out: .bvh, .fbx, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or .mcap (a
+            take that robots' tools read).
+        rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints; 'mixamo', 'unreal', 'metahuman', 'rigify',
+            'vrm', 'vrchat', 'lafan1', 'soma' and 'mhr' the same under these names; 'source' is the rig of a .bvh or
+            .fbx FILE, NAME.bvh or NAME.fbx that of another file, to whose body the motion is fitted.
         rate: frames a second of the output; those of the file if omitted.
         file_rate: frames a second of a file that does not say it.
         json: file for the result as JSON: outputs, frames, frame rate, rig, warnings.
         reading: what the file does not say of itself.
     """
     from bodysense.io.motion_files import check_ending
-    from bodysense.io.target_rigs.named import check_rig
+    from bodysense.io.target_rigs.named import check_rig, is_rig_file
     from bodysense.sources.conversion import convert as converted
 
-    check_rig(check_ending(out), rig, file if file.suffix.lower() == ".bvh" else None)
+    check_rig(check_ending(out), rig, file if is_rig_file(file) else None)
     check_rate("--rate", rate)
     check_rate("--file-rate", file_rate)
     if json is not None:
@@ -288,7 +288,7 @@ def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -
     """Raise BodysenseError, before any work, for outputs that cannot be written."""
     from bodysense.io.markers.options import is_marker_file
     from bodysense.io.motion_files import check_ending
-    from bodysense.io.target_rigs.named import check_rig
+    from bodysense.io.target_rigs.named import check_rig, is_rig_file
 
     if is_marker_file(out) and is_marker_file(file):
         check_place(out)
@@ -296,7 +296,7 @@ def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -
         check_ending(out)
     if rig is not None:
         try:
-            check_rig(out, rig, file if file.suffix.lower() == ".bvh" else None)
+            check_rig(out, rig, file if is_rig_file(file) else None)
         except BodysenseError as error:
             raise BodysenseError(f"{file}: {error}") from None
     for path in more:

@@ -16,6 +16,13 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 _WIDTH = 160  # characters; width of tables that are not printed to a terminal
+_UNITS = {  # vector units, and the flags by which Linux names them on x86 and ARM
+    "AVX2": {"avx2"},
+    "AVX-512": {"avx512f"},
+    "VNNI": {"avx512_vnni", "avx_vnni"},
+    "bf16": {"avx512_bf16", "amx_bf16", "bf16"},
+    "dot products": {"asimddp"},
+}
 
 
 def wide_console() -> Console:
@@ -43,12 +50,17 @@ def cpu_seconds() -> float:
     return round(sum(os.times()[:4]), 2)
 
 
-def processor() -> str:
-    """Return the name of the processor, for measured figures."""
+def processor(cpuinfo: Path = Path("/proc/cpuinfo")) -> str:
+    """Return the processor's name and the vector units that measured speeds depend on, such as `AMD EPYC (AVX2, VNNI)`.
+
+    A name alone says little: processors of one name differ in units, and so by a factor of two in speed.
+    """
     try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
+        text = cpuinfo.read_text(encoding="utf-8")
     except OSError:
-        pass
-    return platform.processor() or platform.machine()
+        return platform.processor() or platform.machine()
+    fields = {key.strip(): value.strip() for key, _, value in (line.partition(":") for line in text.splitlines())}
+    name = fields.get("model name") or platform.processor() or platform.machine()
+    flags = set((fields.get("flags") or fields.get("Features") or "").split())
+    units = [unit for unit, names in _UNITS.items() if flags & names]
+    return f"{name} ({', '.join(units)})" if units else name

@@ -14,7 +14,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.rigs.names import joint_of
 
 if TYPE_CHECKING:
-    from bodysense.io.formats.bvh_text import BvhFile
+    from bodysense.io.rigs.joint_file import JointFile
     from bodysense.io.target_rigs.own_rig import SourceJoints
 
 FLAT = 0.5  # s: a limb whose numbers are constant for this long, while the trunk turns, was not tracked
@@ -22,7 +22,7 @@ _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?:\s*:\s*(?P<first>\d+)\s*-\s*(
 _RANGE = re.compile(r"(\s*:[^:A-Za-z]*\d[^:A-Za-z]*)+$")  # numbers after a colon that are no range
 _BETWEEN = re.compile(r"[^\w:]+")  # between words: blanks, points, dashes …
 _SIDES = ("left", "right")
-# Joints whose numbers are never constant while the body moves. Knees at their stop, toes, fingers and collars may be.
+# Joints whose numbers are never constant while the body moves. Knees at their stop, toes, fingers and collars may rest.
 _RESTLESS = tuple(f"{side}_{part}" for side in _SIDES for part in ("shoulder", "elbow", "hip", "wrist", "ankle"))
 _ENDS = ("wrist", "ankle")  # some rigs never turn these, from the first frame to the last
 _LIMB = ("elbow", "wrist", "knee", "ankle")  # missing together with a shoulder or hip that was never tracked
@@ -92,13 +92,13 @@ def missing_mask(
     return mask
 
 
-def flat_lined(file: BvhFile, rig: SourceJoints) -> np.ndarray:
+def flat_lined(file: JointFile, rig: SourceJoints) -> np.ndarray:
     """Return (T, J) bool: runs in which all numbers of a limb are constant while the trunk turns.
 
     Lost limbs are often written with their last pose, or at zero. Equally still descendants of such a joint are
     missing with it.
     """
-    mask = np.zeros((len(file.lines), len(file.joints)), dtype=bool)
+    mask = np.zeros((len(file.values), len(file.joints)), dtype=bool)
     still = np.stack([_still(file, joint) for joint in range(len(file.joints))], axis=1)
     least = max(2, int(np.ceil(FLAT * file.frame_rate)))
     ours, body = rig.ours, still[:, rig.trunk[0]]
@@ -129,10 +129,10 @@ def below(joint: int, parents: Sequence[int]) -> list[int]:
     return found
 
 
-def _still(file: BvhFile, joint: int) -> np.ndarray:
+def _still(file: JointFile, joint: int) -> np.ndarray:
     """Return (T,) bool: the joint's angles equal those of the frame before."""
     columns = file.columns_of(joint, "rotation")
-    same = np.zeros(len(file.lines), dtype=bool)
+    same = np.zeros(len(file.values), dtype=bool)
     same[1:] = (file.values[1:, columns] == file.values[:-1, columns]).all(axis=1)
     return same
 

@@ -16,7 +16,7 @@ from bodysense.io.formats.bvh import BvhStream, read_bvh, write_bvh
 from bodysense.io.target_rigs.named import OWN, check_rig, is_rig_file, on_rig, renamed
 from bodysense.io.target_rigs.own_rig import write_on_rig_of
 
-ENDINGS = (".bvh", ".glb", ".vrma", ".mcap")
+ENDINGS = (".bvh", ".fbx", ".glb", ".vrma", ".mcap")
 
 
 def check_ending(path: Path) -> Path:
@@ -24,8 +24,8 @@ def check_ending(path: Path) -> Path:
     check_place(path)
     if path.suffix.lower() not in ENDINGS:
         raise BodysenseError(
-            f"{path}: the output ends in {path.suffix or 'nothing'!r}; give a name that ends in .bvh, .glb, "
-            ".vrma or .mcap"
+            f"{path}: the output ends in {path.suffix or 'nothing'!r}; give a name that ends in .bvh, .fbx, "
+            ".glb, .vrma or .mcap"
         )
     if path.suffix.lower() == ".mcap":
         from bodysense.io.formats.mcap_take import load_writer
@@ -35,7 +35,9 @@ def check_ending(path: Path) -> Path:
 
 
 def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
-    """Write a clip as BVH, glTF (.glb), VRM animation (.vrma) or MCAP take (.mcap), on a rig: one of `RIGS`, or a file.
+    """Write a clip as BVH, FBX, glTF (.glb), VRM animation (.vrma) or MCAP take (.mcap).
+
+    `rig` is one of `RIGS`, or a file whose rig is taken.
 
     Raises BodysenseError as the writers do, and for a rig that is unknown or that this kind of file cannot have.
     """
@@ -49,6 +51,7 @@ def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
 
         write_mcap(path, clip)
         return
+    from bodysense.io.formats.fbx.writer import write_fbx
     from bodysense.io.formats.gltf.vrma import write_vrma
     from bodysense.io.formats.gltf.writer import write_glb
 
@@ -58,6 +61,8 @@ def write_motion(path: Path, clip: Clip, rig: str | Path = OWN) -> None:
     clip, names = on_rig(clip, str(rig))
     if ending == ".glb":
         write_glb(path, clip, names)
+    elif ending == ".fbx":
+        write_fbx(path, clip, names)
     else:
         write_bvh(path, renamed(clip, names))
 

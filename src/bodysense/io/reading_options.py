@@ -37,6 +37,10 @@ class ReadingOptions:
     """joint map of a motion: a JSON file, drafted by `bodysense data joints`; if omitted, joints are recognised."""
     figure: int | None = None
     """number of the body in a motion of several, counted from 1."""
+    animation: str | None = None
+    """name of the animation in an FBX or glTF file of several; the one that moves most joints if omitted."""
+    skin: str | None = None
+    """name of the skinned mesh in an FBX file, whose skeleton is read; if omitted, every skeleton is looked at."""
     smpl_model: Path | None = None
     """SMPL, SMPL-H or SMPL-X model (.npz), or a folder of one for each gender, for the bones of bodies in AMASS and
     SMPL files; if omitted, the default body, in AMASS files as tall as its steps show.
@@ -62,7 +66,9 @@ class ReadingOptions:
 
     def for_motions(self) -> list[str]:
         """Return the given options that only motions have."""
-        given = (name for name in ("joints", "figure", "smpl_model") if getattr(self, name) is not None)
+        given = (
+            name for name in ("joints", "figure", "animation", "skin", "smpl_model") if getattr(self, name) is not None
+        )
         return [f"--{name.replace('_', '-')}" for name in given]
 
     def for_the_world(self) -> list[str]:

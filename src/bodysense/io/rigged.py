@@ -13,9 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from bodysense.body.person import TALLEST
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.files import read_bytes
 from bodysense.geometry.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
@@ -24,10 +26,12 @@ from bodysense.geometry.rotation import (
 )
 from bodysense.io.clip import Clip, at_height
 from bodysense.io.formats.bvh import figures_of
-from bodysense.io.formats.bvh_text import BvhFile, parse_bvh
+from bodysense.io.formats.bvh_text import open_bvh, parse_bvh
+from bodysense.io.formats.fbx.motion import parse_fbx
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.figure import Figure, measured
+from bodysense.io.rigs.joint_file import JointFile
 from bodysense.io.rigs.names import ARMS, LEGS, is_end, joints_of, parts, side_of
 from bodysense.io.rigs.rig import Rig, find_body, joint_map, recognise
 
@@ -160,28 +164,51 @@ MOST_POINTS = 400  # points of a figure that are all kept; a larger one keeps on
 PELVIS = "pelvis, made of the hips"
 OVER_HIPS = 0.1  # of a leg's length: height of an added pelvis over the hips
 STRETCH = 1e-4  # m: bones that vary by less are rigid
+SMALLEST = 0.4  # m: smallest body that a stated unit may give; the largest is that of a person
 
 
 @dataclass(frozen=True, eq=False)
 class Rigged:
-    """A body of a BVH file: the file's content, the recognised rig, and the motion in canonical form."""
+    """A body of a BVH or FBX file: the file's content, the recognised rig, and the motion in canonical form."""
 
-    file: BvhFile
+    file: JointFile
     figure: Figure  # of the body chosen, in file units
     rig: Rig
     clip: Clip
 
 
+FBX = ".fbx"
+
+
+def open_joint_file(path: Path, options: ReadingOptions = AS_FOUND) -> JointFile:
+    """Read a BVH or FBX file, whose values may be missing. Raises BodysenseError for anything else."""
+    return _parsed(read_bytes(path), path, options) if path.suffix.lower() == FBX else open_bvh(path)
+
+
+def _parsed(data: bytes, path: Path, options: ReadingOptions) -> JointFile:
+    """Return the content of a BVH or FBX file, whose values are all finite."""
+    if path.suffix.lower() != FBX:
+        return parse_bvh(data, path)
+    return parse_fbx(data, path, options.animation, options.skin)
+
+
 def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, must_stand: bool = False) -> Rigged:
-    """Read a BVH file's bytes; `path` names it. `must_stand` refuses a body that stands in no frame.
+    """Read the bytes of a BVH or FBX file; `path` names it. `must_stand` refuses a body that stands in no frame.
 
     Raises BodysenseError, naming the file and the fix, if it holds no body, or several without a choice.
     """
-    file = parse_bvh(data, path)
+    return rigged_of(_parsed(data, path, options), options, must_stand=must_stand)
+
+
+def rigged_of(file: JointFile, options: ReadingOptions = AS_FOUND, *, must_stand: bool = False) -> Rigged:
+    """Recognise the body of a file. `must_stand` refuses a body that stands in no frame.
+
+    Raises BodysenseError, naming the file and the fix, if it holds no body, or several without a choice.
+    """
     if must_stand and options.floor is None:  # a published set has its floor
         options = replace(options, floor=0.0)
     figure = _chosen(file, options)
-    rig = recognise(figure, options)
+    rig = _recognised(file, figure, options)
     clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
     if options.height is not None:
         scale = options.height / clip.pose.skeleton.height
@@ -191,11 +218,24 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
 
 
 def figure_of_file(data: bytes, path: Path, options: ReadingOptions = AS_FOUND) -> Figure:
-    """Return the figure that is read from a BVH file's bytes, recognised or not. Raises as `read_rigged`."""
-    return _chosen(parse_bvh(data, path), options)
+    """Return the figure that is read from a file's bytes, recognised or not. Raises as `read_rigged`."""
+    return _chosen(_parsed(data, path, options), options)
 
 
-def _chosen(file: BvhFile, options: ReadingOptions) -> Figure:
+def _recognised(file: JointFile, figure: Figure, options: ReadingOptions) -> Rig:
+    """Recognise a figure; the file's unit and upward axis hold unless options give others, or no person fits them."""
+    up = options.up or file.up
+    if options.unit is not None or file.unit is None:
+        return recognise(figure, replace(options, up=up))
+    rig = recognise(figure, replace(options, up=up, unit=file.unit))
+    if options.height is not None or SMALLEST <= rig.height <= TALLEST:
+        return rig
+    found = recognise(figure, replace(options, up=up))
+    stated = f"not units of {rig.unit:g} m, as the file says, in which it is {rig.height:.3g} m tall"
+    return replace(found, notes=(*found.notes, stated))
+
+
+def _chosen(file: JointFile, options: ReadingOptions) -> Figure:
     """Return the body that the options choose."""
     path, figures = file.path, bodies_of(figures_of(file), options)
     names = ", ".join(f"{rank} ({figure.joints[0]})" for rank, figure in enumerate(figures, start=1))

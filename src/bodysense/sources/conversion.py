@@ -26,10 +26,10 @@ def convert(
     """Write a motion as another kind of file, and return it.
 
     Args:
-        source: a motion: a file (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), a Clip, or a source opened by
-            `open_source`.
-        out: .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
-        rig: target rig: one of `RIGS`, or a BVH file; 'source' is the rig of the BVH file that is read.
+        source: a motion: a file (.bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma), a Clip, or a source that
+            `open_source` opened.
+        out: .bvh, .fbx, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
+        rig: target rig: one of `RIGS`, or a BVH or FBX file; 'source' is the rig of the one that is read.
         rate: frames a second; that of the motion if omitted. Rotations are interpolated by slerp.
         reading: facts that the file omits: unit, upward axis, floor, height, joints, which body.
 
@@ -43,7 +43,7 @@ def convert(
             f"{opened.name}: not a motion, and conversion tracks nothing; complete it: "
             f"bodysense track {Path(opened.name).name} -o {out.name}"
         )
-    check_rig(out, rig, opened.bvh)
+    check_rig(out, rig, opened.joint_file)
     clip = opened.clip
     if clip.lacks:
         raise BodysenseError(
@@ -53,8 +53,8 @@ def convert(
     if rate is not None:
         clip = resample(clip, rate)
     clip = replace(clip, name=out.stem)
-    if rig == SOURCE and opened.bvh is not None:
-        write_on_rig_of(out, clip, opened.bvh, opened.options)
+    if rig == SOURCE and opened.joint_file is not None:
+        write_on_rig_of(out, clip, opened.joint_file, opened.options)
     else:
         write_motion(out, clip, rig)
     return clip

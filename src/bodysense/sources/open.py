@@ -31,7 +31,8 @@ if TYPE_CHECKING:
 
 _MANY_KINDS = (".npz", ".npy")  # motions, recordings or joint positions, depending on their content
 _GLTF = (".glb", ".gltf", ".vrma", ".vrm")
-MOTION_ENDINGS = (".bvh", ".npz", ".npy", *_GLTF)
+_JOINT_FILES = (".bvh", ".fbx")  # files whose joints can be written again
+MOTION_ENDINGS = (".bvh", ".fbx", ".npz", ".npy", *_GLTF)
 Kind = Literal["motion", "recording", "markers", "video"]
 HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs with constant values
 _NOTHING_HELD: HeldStill = (), np.zeros((0, 0), dtype=bool)
@@ -46,20 +47,23 @@ class MotionSource:
     given: Clip | None = None  # the motion in memory
     options: ReadingOptions = AS_FOUND
     rate: float | None = None  # Hz, for a file without a frame rate
-    watches_limbs: bool = False  # look for limbs with constant values in a BVH file
+    watches_limbs: bool = False  # look for limbs with constant values in a BVH or FBX file
 
     @property
-    def bvh(self) -> Path | None:
-        """The file if it is a BVH file, whose rig and text can be kept; else None."""
-        return self.path if self.path is not None and self.path.suffix.lower() == ".bvh" else None
+    def joint_file(self) -> Path | None:
+        """The file if it is a BVH or FBX file, whose rig can be kept; else None."""
+        return self.path if self.path is not None and self.path.suffix.lower() in _JOINT_FILES else None
 
     def __post_init__(self) -> None:
-        if (
-            self.path is not None
-            and self.options.smpl_model is not None
-            and self.path.suffix.lower() not in _MANY_KINDS
+        if self.path is None:
+            return
+        for option, endings, kinds in (
+            ("smpl_model", _MANY_KINDS, "AMASS and SMPL files (.npz, .npy)"),
+            ("skin", (".fbx",), "FBX files"),
+            ("animation", (".fbx", *_GLTF), "FBX and glTF files"),
         ):
-            raise BodysenseError(f"{self.path}: --smpl-model is for AMASS and SMPL files (.npz, .npy); leave it out")
+            if getattr(self.options, option) is not None and self.path.suffix.lower() not in endings:
+                raise BodysenseError(f"{self.path}: --{option.replace('_', '-')} is for {kinds}; leave it out")
 
     @property
     def clip(self) -> Clip:
@@ -73,7 +77,7 @@ class MotionSource:
 
     @property
     def held_still(self) -> HeldStill:
-        """Limbs with constant values in a BVH file, if `watches_limbs`."""
+        """Limbs with constant values in a BVH or FBX file, if `watches_limbs`."""
         return self._read[2]
 
     @cached_property
@@ -84,7 +88,7 @@ class MotionSource:
         if self.path.suffix.lower() in (*_MANY_KINDS, *_GLTF):
             return *_read_motion(self.path, self.options, self.rate), _NOTHING_HELD
         rigged = read_rigged(MotionFile(self.path).read(), self.path, self.options)
-        held = _still_limbs(rigged) if self.bvh is not None and self.watches_limbs else _NOTHING_HELD
+        held = _still_limbs(rigged) if self.joint_file is not None and self.watches_limbs else _NOTHING_HELD
         return rigged.clip, (f"read {self.path}: {rigged.rig.line()}",), held
 
     def with_holes(self, missing: str | Sequence[str]) -> PartialMotion:
@@ -94,7 +98,7 @@ class MotionSource:
 
         items = missing_items(missing)
         try:
-            return open_partial(self.bvh or self.clip, items, self.options)
+            return open_partial(self.joint_file or self.clip, items, self.options)
         except BodysenseError as error:
             raise error if self.name in str(error) else BodysenseError(f"{self.name}: {error}") from None
 
@@ -219,20 +223,13 @@ def kind_of(source: str | Path) -> Kind:
 
 
 def check_kind(path: str | Path) -> None:
-    """Raise BodysenseError, with the fix, for unsupported kinds of files: FBX, gzip, pickles, MVNX …"""
+    """Raise BodysenseError, with the fix, for unsupported kinds of files: gzip, pickles, MVNX …"""
     path = Path(path)
     ending = path.suffix.lower()
     if ending == ".gz":
         raise BodysenseError(f"{path}: compressed by gzip; unpack it: gunzip -k {path.name}")
     if ending in _PICKLES:
         raise BodysenseError(f"{path}: a pickle may run any code when it is read; {conversion(path)}")
-    if ending == ".fbx":
-        load = f"import bpy; bpy.ops.import_scene.fbx(filepath='{path.name}')"
-        raise BodysenseError(
-            f"{path}: FBX is not read; convert it with Blender: "
-            f"blender -b --python-expr \"{load}; bpy.ops.export_scene.gltf(filepath='{path.stem}.glb')\""
-        )
-
     if ending in _UNSUPPORTED:
         raise BodysenseError(f"{path}: {_UNSUPPORTED[ending]}")
     if ending == ".npz" and "results" in array_shapes(path):
@@ -279,7 +276,7 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
     if path.suffix.lower() in _GLTF:
         from bodysense.io.formats.gltf.motion import read_gltf
 
-        clip, remarks = read_gltf(path, options.joints)
+        clip, remarks = read_gltf(path, options.joints, options.animation)
         return apply_options(clip, replace(options, joints=None), "glTF files", "y"), tuple(
             f"note: {remark}" for remark in remarks
         )

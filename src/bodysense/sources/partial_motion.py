@@ -1,4 +1,4 @@
-"""Motions with holes, opened: which values of a BVH file or a clip are missing."""
+"""Motions with holes, opened: which values of a BVH or FBX file or a clip are missing."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import numpy as np
 from bodysense.body import gaps
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip, part_joints
-from bodysense.io.formats.bvh_text import BvhFile, open_bvh
 from bodysense.io.holes import Missing, flat_lined, missing_mask
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
-from bodysense.io.rigged import read_rigged
+from bodysense.io.rigged import open_joint_file, rigged_of
+from bodysense.io.rigs.joint_file import JointFile
 
 if TYPE_CHECKING:
     from bodysense.io.target_rigs.own_rig import SourceJoints
@@ -32,7 +32,7 @@ class PartialMotion:
     rotation: Array  # (T, J, 4) of the source's joints, parent ← joint; arbitrary in missing parts
     holes: Array  # (T, J) bool: missing in the source
     missing: Array  # (T, J) bool: holes that remain after interpolating joints that carry the whole body
-    file: BvhFile | None = None  # the source, if it is a file
+    file: JointFile | None = None  # the source, if it is a file
     line: str = ""  # description of the file's rig
 
     @property
@@ -42,7 +42,7 @@ class PartialMotion:
 
 
 def open_partial(source: Path | Clip, missing: Sequence[Missing], options: ReadingOptions = AS_FOUND) -> PartialMotion:
-    """Open a BVH file or a clip with its holes: `missing` joints and NaN values.
+    """Open a BVH file, an FBX file or a clip with its holes: `missing` joints and NaN values.
 
     If no missing joints are given, limbs with constant values in the file are missing, too.
 
@@ -61,9 +61,9 @@ def open_partial(source: Path | Clip, missing: Sequence[Missing], options: Readi
 
 
 def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOptions) -> PartialMotion:
-    file = open_bvh(path)
+    file = open_joint_file(path, options)
     clip, rig, line = _read(file, options)
-    holes = missing_mask(missing, file.joints, file.parents, len(file.lines), rig.ours) | ~file.has_number
+    holes = missing_mask(missing, file.joints, file.parents, len(file.values), rig.ours) | ~file.has_number
     if not missing:
         holes |= flat_lined(file, rig)
     rotation, rest = _fill_trunk(str(path), rig, file.rotation, holes, 1 / file.frame_rate)
@@ -74,11 +74,11 @@ def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOption
     return PartialMotion(clip, rig, rotation, holes, rest, file, f"read {path}: {line}")
 
 
-def _read(file: BvhFile, options: ReadingOptions) -> tuple[Clip, SourceJoints, str]:
+def _read(file: JointFile, options: ReadingOptions) -> tuple[Clip, SourceJoints, str]:
     """Return the motion of a file on our joints, its own joints, and a line about its rig."""
     from bodysense.io.target_rigs.own_rig import joints_of_file
 
-    rigged = read_rigged(file.mended.text(), file.path, options)
+    rigged = rigged_of(file.mended, options)
     return rigged.clip, joints_of_file(file, rigged), rigged.rig.line()
 
 

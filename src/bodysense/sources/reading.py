@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, expect
 from bodysense.io.clip import Clip
 from bodysense.io.formats.recording import Recording, write_recording
 from bodysense.io.motion_files import ENDINGS, write_motion
@@ -17,7 +17,7 @@ RECORDING_ENDINGS = (".npz", ".jsonl")
 
 
 def read(path: str | Path, options: ReadingOptions = AS_FOUND) -> Clip | Recording:
-    """Read a motion (.bvh, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) as a Clip, anything else as a Recording.
+    """Read a motion (.bvh, .fbx, AMASS or SMPL .npz, .npy, .glb …) as a Clip, anything else as a Recording.
 
     Recordings (.npz, .jsonl) and markers (.c3d, .csv, .trc, .tsv) become a Recording. A clip is in canonical form:
     metres, +Y up, the skeleton of 65 points. `options` are facts that a motion file omits or has wrong: unit, upward
@@ -32,11 +32,13 @@ def read(path: str | Path, options: ReadingOptions = AS_FOUND) -> Clip | Recordi
 
 
 def write(path: str | Path, content: Clip | Recording | Observation) -> None:
-    """Write a clip (.bvh, .glb, .vrma, .mcap) or a recording (.npz, .jsonl). The file appears whole or not at all.
+    """Write a clip (.bvh, .fbx, .glb, .vrma, .mcap) or a recording (.npz, .jsonl); it appears whole or not at all.
 
     An observation is written as a recording of an unknown body. Raises BodysenseError if the ending is of another kind
     of file.
     """
+    expect(path, (str, Path), "write", "the path first: write(path, content)")
+    expect(content, (Clip, Recording, Observation), "write", "a Clip, a Recording or an Observation")
     path = Path(path)
     if isinstance(content, Observation):
         content = Recording(content, default_skeleton(), known=False)

@@ -34,8 +34,8 @@ from bodysense.tracking.model import CompletionModel
 from bodysense.tracking.tracker import Tracker, TrackerSettings
 
 if TYPE_CHECKING:
-    from bodysense.io.formats.bvh_text import BvhFile
     from bodysense.io.markers.gaps import FilledMarkers
+    from bodysense.io.rigs.joint_file import JointFile
     from bodysense.sources.partial_motion import PartialMotion
 
 ANCHORS = ("head", "pelvis")  # points that keep their measured position if proportions change, in order of preference
@@ -53,9 +53,9 @@ class Take:
     person: Person  # the wearer, as inferred at the end
     time: np.ndarray  # (T,) s of the estimate's frames
     partial: PartialMotion | None = None  # the motion whose holes were filled, if it was one
-    source: Path | None = None  # the BVH file that was tracked, if it was one
+    source: Path | None = None  # the BVH or FBX file that was tracked, if it was one
     reading: ReadingOptions = AS_FOUND  # its options
-    file: BvhFile | None = None  # the same with its holes filled
+    file: JointFile | None = None  # the same with its holes filled
     markers: MarkerSource | None = None  # the marker file that was tracked, if it was one
     remarks: tuple[str, ...] = ()  # warnings: dropped labels, guessed limbs, a known height that was released
 
@@ -64,19 +64,20 @@ class Take:
         return f"Take({self.clip!r}, {self.person!r}, expected error {error:.1f} cm)"
 
     def save(self, path: str | Path, rig: str | Path | None = None) -> None:
-        """Write the motion as .bvh, .glb (animated glTF), .vrma (for VRM avatars) or .mcap (for robots' tools).
+        """Write the motion as .bvh, .fbx, .glb (animated glTF), .vrma (VRM avatars) or .mcap (robots' tools).
 
         A take of markers is also written as the kind of file that was tracked (.trc, .c3d, .tsv, .csv): the same file
         with the gaps of its markers filled.
 
         Args:
             path: output file; its ending determines the format.
-            rig: target rig: one of `RIGS`, or a BVH file. 'source' is the rig of the tracked BVH file; if its holes
-                were filled, it is the file itself with filled holes. If omitted: 'source' if a BVH file of a whole
-                body was filled and the output is BVH, else our own rig.
+            rig: target rig: one of `RIGS`, or a BVH or FBX file. 'source' is the rig of the tracked BVH or FBX file;
+                if its holes were filled, it is the file itself with filled holes (of FBX its skeletons and motion).
+                If omitted: 'source' if such a file of a whole body was filled and the output is of its kind, else our
+                own rig.
 
-        Raises BodysenseError for an unknown rig. Raises it also for a complete BVH file whose unit, axis, floor or
-        height was given, because its copy would not change, and for a filled BVH file whose height was given.
+        Raises BodysenseError for an unknown rig. Raises it also for a complete file whose unit, axis, floor or height
+        was given, because its copy would not change, and for a filled file whose height was given.
         """
         path = Path(path)
         if is_marker_file(path):
@@ -93,7 +94,7 @@ class Take:
         from bodysense.io.target_rigs.own_rig import write_on_rig_of
 
         if rig is None:
-            rig = SOURCE if self.file is not None and path.suffix.lower() == ".bvh" and not self.clip.lacks else OWN
+            rig = SOURCE if self._is_of_our_kind(path) and not self.clip.lacks else OWN
         check_rig(path, rig, self.source)
         if rig == SOURCE and self.file is not None:
             is_whole = self.partial is not None and self.partial.is_whole
@@ -112,6 +113,10 @@ class Take:
             write_on_rig_of(path, self.clip, self.source, self.reading)
         else:
             write_motion(path, replace(self.clip, name=path.stem), rig)
+
+    def _is_of_our_kind(self, path: Path) -> bool:
+        """Whether an output has the ending of the file whose holes were filled."""
+        return self.file is not None and path.suffix.lower() == self.file.path.suffix.lower()
 
     @cached_property
     def filled_markers(self) -> FilledMarkers:
@@ -169,8 +174,8 @@ def track(
             returned unchanged.
         missing: motions: missing joints, by the motion's names or ours: "left_hand"; "LeftForeArm+" with all its
             descendants; "left_hand:100-240" in some frames (from 0, both ends included). NaN values are missing, too.
-            If omitted, limbs of a BVH file are also missing if their values are constant for half a second while the
-            body moves.
+            If omitted, limbs of a BVH or FBX file are also missing if their values are constant for half a second
+            while the body moves.
         person: known properties of the wearer. If omitted: the body of the recording or motion, or the likeliest adult,
             whose proportions are inferred, if that is unknown.
         height: height of the wearer in metres, instead of a person; other proportions are inferred.
@@ -194,7 +199,7 @@ def track(
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
         take = _fill_take(opened.with_holes(missing), completion)
-        return replace(take, source=opened.bvh, reading=opened.options)
+        return replace(take, source=opened.joint_file, reading=opened.options)
     if missing not in ((), []):
         other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
         raise BodysenseError(f"{opened.name}: --missing is for a motion that no device watches; {other}")
@@ -208,7 +213,7 @@ def track(
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
     if isinstance(opened, MotionSource):
-        return replace(take, source=opened.bvh, reading=opened.options)
+        return replace(take, source=opened.joint_file, reading=opened.options)
     return take
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, expect
 from bodysense.observing.observation import (
     FARTHEST,
     RAW_POINTS,
@@ -127,6 +127,8 @@ class Tracker:
     settings: TrackerSettings = TrackerSettings()
 
     def __post_init__(self) -> None:
+        for person in self.people if isinstance(self.person, Sequence) else (self.person,):
+            expect(person, Person, "Tracker", "a Person, such as Person(height=1.75), or a list of them")
         if not self.people:
             raise BodysenseError("tracker: no people; give at least one Person")
 
@@ -168,6 +170,8 @@ class Tracker:
         Raises BodysenseError if time does not increase, and for unknown points.
         """
         alone = isinstance(self.person, Person)
+        expect(observation, Observation, "Tracker.step", "an Observation, such as observe(time, poses) returns")
+        expect(state, TrackerState, "Tracker.step", "the state of the frame before, at first tracker.start()")
         check_shapes(observation)
         count, lead = len(self.people), observation.position.shape[:-3]
         if lead != (() if alone else (count,)):

@@ -6,7 +6,7 @@ import numpy as np
 
 from .body import Body
 from .features import FASTEST, MIRROR, USUAL_RATE, Head
-from .layers import branch_of, recurrent_of, rounded, softplus
+from .layers import FEATURE, STATE, branch_of, recurrent_of, rounded, softplus
 from .network import Memory
 from .points import HAND_JOINTS, HAND_POINTS, HEAD, PARENT, WRISTS
 from .tracked import Tracked
@@ -77,9 +77,10 @@ def place_hand(of: Mapping[str, np.ndarray], seen: Tracked, hand: int, output: n
 
 def complete_fingers(of: Mapping[str, np.ndarray], seen: Tracked, head: Head, body: Body, memory: Memory) -> np.ndarray:
     """Complete the fingers of a body in place. Returns expected errors (2, 20) m without the wrist's own."""
-    x = rounded(np.stack([hand_features(of, seen, head, body, memory, hand) for hand in (0, 1)], axis=1))
+    x = rounded(np.stack([hand_features(of, seen, head, body, memory, hand) for hand in (0, 1)], axis=1), FEATURE)
     after = recurrent_of(of, "fingers", 0).step(x, memory.hands)
-    outputs = branch_of(of, "fingers.branch").outputs(rounded(after), x)
+    read = memory.core[1] if memory.core and memory.advances else after
+    outputs = branch_of(of, "fingers.branch").outputs(rounded(read, STATE), x)
     error = np.array([place_hand(of, seen, hand, outputs[:, hand], body) for hand in (0, 1)])
     if memory.advances:
         memory.hands, memory.elapsed = after, 0.0

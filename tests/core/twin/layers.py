@@ -1,7 +1,7 @@
 """Layers of the networks, and the tables of a weights file.
 
-Products are of whole numbers in the core: an input counts in 1/32767 of the largest of its block of 64. The twin rounds
-inputs alike and multiplies plainly.
+Products are of whole numbers in the core: a feature counts in 1/32767 of the largest of its block of 64, a state in
+1/127. The twin rounds inputs alike and multiplies plainly.
 """
 
 from collections.abc import Mapping
@@ -13,7 +13,8 @@ import numpy as np
 
 from bodysense_lab.completion.networks.weights_file import read_safetensors
 
-BLOCK, LARGEST = 64, 32767
+BLOCK = 64
+FEATURE, STATE = 32767, 127  # steps of the largest number of a block
 
 
 @lru_cache(maxsize=2)
@@ -27,13 +28,13 @@ def tables(path: Path) -> Mapping[str, np.ndarray]:
     return whole
 
 
-def rounded(x: np.ndarray) -> np.ndarray:
-    """Columns (N, C) in whole multiples of 1/32767 of the largest of each block of 64."""
+def rounded(x: np.ndarray, steps: int) -> np.ndarray:
+    """Columns (N, C) in whole multiples of 1/steps of the largest of each block of 64."""
     count = len(x)
     blocks = np.pad(x.astype(np.float32), ((0, -count % BLOCK), (0, 0))).reshape(-1, BLOCK, x.shape[1])
     largest = np.abs(blocks).max(axis=1, keepdims=True)
-    inverse = np.where(largest > 1e-30, np.float32(LARGEST) / np.maximum(largest, np.float32(1e-30)), 0)
-    return (np.rint(blocks * inverse) * (largest / np.float32(LARGEST))).reshape(-1, x.shape[1])[:count]
+    inverse = np.where(largest > 1e-30, np.float32(steps) / np.maximum(largest, np.float32(1e-30)), 0)
+    return (np.rint(blocks * inverse) * (largest / np.float32(steps))).reshape(-1, x.shape[1])[:count]
 
 
 def logistic(x: np.ndarray) -> np.ndarray:
@@ -63,10 +64,10 @@ class Recurrent:
         """H"""
         return self.of_state.shape[1]
 
-    def step(self, x: np.ndarray, before: np.ndarray) -> np.ndarray:
-        """States (H, C) after inputs (N, C) that are rounded."""
+    def step(self, x: np.ndarray, before: np.ndarray, steps: int = STATE) -> np.ndarray:
+        """States (H, C) after inputs (N, C) that are rounded; states are rounded to `steps`."""
         given = np.split(self.of_input @ x + self.input_bias, 3)
-        kept = np.split(self.of_state @ rounded(before) + self.state_bias, 3)
+        kept = np.split(self.of_state @ rounded(before, steps) + self.state_bias, 3)
         reset, update = logistic(given[0] + kept[0]), logistic(given[1] + kept[1])
         candidate = np.tanh(given[2] + reset * kept[2])
         return candidate + update * (before - candidate)

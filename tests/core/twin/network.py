@@ -7,7 +7,7 @@ from math import sqrt
 import numpy as np
 
 from .features import HEAD_HEIGHT, MIRROR, Before, Head, features, find_head, mirrored, read, remember, stature
-from .layers import branch_of, logistic, recurrent_of, rounded, softplus
+from .layers import FEATURE, STATE, branch_of, logistic, recurrent_of, rounded, softplus
 from .points import BODY, BODY_PARTNER, PARTNER
 from .tracked import Tracked
 from .vectors import frame_of
@@ -29,6 +29,9 @@ class Memory:
     wrists: np.ndarray | None = None  # (2, 3) m, from base: of the body of the frame before
     elapsed: float = 0.0  # s since memories last advanced
     advances: bool = False  # in this frame
+    # States of the core after this frame, if it advances. Products of the layers above read these, because a state
+    # whose last bit differs may be rounded to another of 127 steps.
+    core: tuple[list[np.ndarray], np.ndarray] | None = None
 
 
 @dataclass(frozen=True)
@@ -54,14 +57,14 @@ def predict(of: Mapping[str, np.ndarray], seen: Tracked, memory: Memory) -> tupl
     head = find_head(seen, memory.turn)
     interval = np.float32(memory.elapsed) + np.float32(seen.interval)
     reading = read(seen, head, memory.before, interval, of["body.usual_bones"])
-    x = rounded(np.stack([features(reading), features(mirrored(reading))], axis=1))
+    x = rounded(np.stack([features(reading), features(mirrored(reading))], axis=1), FEATURE)
     above, after = x, []
+    memory.advances = memory.before is None or bool(interval >= ADVANCE)
     for layer, before in enumerate(memory.hidden):
         after.append(recurrent_of(of, "body", layer).step(above, before))
-        above = rounded(after[-1])
+        above = rounded(memory.core[0][layer] if memory.core and memory.advances else after[-1], STATE)
     turned = branch_of(of, "body.turn_branch").outputs(above, x)
     judged = branch_of(of, "body.judge_branch").outputs(above, x)
-    memory.advances = memory.before is None or bool(interval >= ADVANCE)
     memory.turn, memory.elapsed = head.turn, float(interval)
     if memory.advances:
         memory.hidden, memory.before = after, remember(seen)

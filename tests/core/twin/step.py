@@ -47,13 +47,24 @@ class Twin:
     def _start(self) -> tuple[Memory, np.ndarray | None, np.ndarray]:
         return first_memory(self.tables), None, np.zeros(3)
 
-    def step(self, observation: Observation, t: int, person: Person, estimate: Estimate) -> Read:
-        """Evaluate frame t. `person` and `estimate` (1 frame) are the core's: bones in use, and the output body."""
+    def step(
+        self,
+        observation: Observation,
+        t: int,
+        person: Person,
+        estimate: Estimate,
+        core: tuple[list[np.ndarray], np.ndarray],
+    ) -> Read:
+        """Evaluate frame t.
+
+        Of the core are `person` and `estimate` (1 frame), with the bones in use and the output body, and `core`, the
+        states of the recurrent layers after it.
+        """
         interval, fresh = interval_of(self.settings, float(observation.time[t]), self.time)
         if fresh:
             self.base = choose_base(observation, t, self.settings.floor)
             self.memory, self.before, self.course = self._start()
-        self.time = float(observation.time[t])
+        self.time, self.memory.core = float(observation.time[t]), core
         seen = gather(observation, t, self.base, interval, self.settings.floor)
         seen.rest_offset, seen.deviation = estimate.rest_offset[0], person.bone_deviation
         find_knuckles(seen)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
+from bodysense_lab.completion.score.scripted.scene_measures import BODY, measure_scene
+from bodysense_lab.completion.score.scripted.scene_scoring import SETS, SceneJob, observe_scene
 from bodysense_lab.completion.score.tracking import TrackedMotion
-from bodysense_lab.completion.scripted.scene_measures import BODY, measure_scene
-from bodysense_lab.completion.scripted.scene_scoring import SETS, SceneJob, observe_scene
 
 FEET = [f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe")]
 NEVER = np.zeros((360, 2), dtype=bool)

@@ -12,8 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import bodysense as bs
 from bodysense.body.ik import IkSettings
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
+from bodysense.body.retarget import transfer_motion
+from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
@@ -21,7 +24,7 @@ from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.observing.observation import Observation, accuracy_like, observed_points
-from bodysense_lab.papers.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, smooth
+from bodysense_lab.papers.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, limited, smooth
 from bodysense_lab.papers.unoc.learned import Learned, load_model
 
 SKELETON = default_skeleton()
@@ -248,3 +251,29 @@ def test_more_certain_points_pull_more() -> None:
     assert reached(["left_elbow"]) > 0.03
     assert reached(["left_shoulder", "left_wrist"]) < 0.01
     assert reached(SKELETON.points, seen=["left_elbow"]) > 2 * reached(SKELETON.points), "measured, it leads"
+
+
+def test_a_body_turns_at_a_bounded_speed_with_one_share() -> None:
+    """A flipped pelvis drags no limb: every joint and the root do the same share of their change."""
+    start, flipped = standing_pose(SKELETON), bent(0.5)
+    flipped.rotation[0] = quaternion_multiply(quaternion_exp(np.array([0.0, 3.0, 0.0])), flipped.rotation[0])
+    root, rotation, share = limited(resting(start), flipped.root_position, flipped.rotation, 1 / 30)
+    whole, turned = (geodesic_angle(one, start.rotation) for one in (flipped.rotation, rotation))
+    assert share == pytest.approx(20 / 30 / 3.0, rel=1e-6)
+    np.testing.assert_allclose(turned, share * whole, atol=1e-6)
+    np.testing.assert_allclose(root - start.root_position, share * (flipped.root_position - start.root_position))
+    _, slow, whole_share = limited(resting(start), flipped.root_position, flipped.rotation, 0.2)
+    assert whole_share == 1 and slow is flipped.rotation
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
+def test_a_body_that_sits_down_never_folds_over(seed: int) -> None:
+    """Of an unseen body whose legs come back into view while it sits down, no joint turns round."""
+    performance = bs.demo.packaged_performance()
+    skeleton = replace(performance.pose.skeleton, rest_offset=sample_bodies("test", 3, seed=5)[seed])
+    clip = replace(performance, pose=transfer_motion(performance.pose, skeleton)[230:300])
+    tracker, seen = IkTracker(Learned(load_model(), skeleton)), bs.simulate(clip, "headset_camera", noise=seed)
+    rotation = np.asarray(tracker.step(seen, tracker.start())[0].rotation)
+    turn, interval = geodesic_angle(rotation[1:], rotation[:-1]), np.diff(seen.time)[:, None]
+    assert (turn <= 20 * interval + 1e-6).all()
+    assert np.degrees(geodesic_angle(rotation[:, 0], np.asarray(clip.pose.rotation)[:, 0])).max() < 90

@@ -24,6 +24,7 @@ from bodysense_live.server.message_text import write_message
 from bodysense_live.server.messages import Hello, UpdateSettings
 from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.settings import ServerSettings
+from bodysense_live.server.supervisor import Supervisor
 
 _POINTS = ("headset", "left_controller", "right_controller", "left:wrist", "left:index-finger-tip", "hip")
 _MONITOR_INTERVAL = 1000  # messages between two checks of the monitor
@@ -101,7 +102,7 @@ class FakeSocket:
 
 async def fuzz(frames: int, rng: np.random.Generator, counts: FuzzCounts) -> None:
     """Send `frames` messages and update `counts`."""
-    live = Live(ServerSettings(limits=_LIMITS), Metrics())
+    live = Live(ServerSettings(limits=_LIMITS), Metrics(), Supervisor(lambda failure: None))
     live.start()
     monitor = FakeSocket()
     monitor_task = asyncio.create_task(serve_client(monitor, live))  # type: ignore[arg-type]

@@ -33,7 +33,7 @@ from bodysense.devices.gloves.calibration import checked_fit, enough_frames
 from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings, HandsState, load_glove_models
 from bodysense.devices.gloves.standing_head import ACCURACY, StandingHead, StandingHeadState
 from bodysense.devices.gloves.virtual_markers import SolvedHand, VirtualGlove, VirtualMarkers, is_standard
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, expect
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.observing.observation import OPTICAL_ACCURACY, Observation, joined_points, without_gloves
@@ -185,6 +185,7 @@ def glove_device(
         settings: settings of the solver.
         calibrated: calibrated hands (`calibrated_hands`) by side.
     """
+    expect(skeleton, Skeleton, "glove_device", "the wearer's Skeleton, such as Person(height=1.75).skeleton")
     gloved = {side: plain_hand(hand_skeleton(skeleton, side_of(side))) for side in sides}
     gloved |= {side: hand for side, hand in (calibrated or {}).items() if side in gloved}
     virtual = {side: VirtualGlove(hand) for side, hand in gloved.items() if not is_standard(hand)}

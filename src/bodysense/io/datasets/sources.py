@@ -21,7 +21,7 @@ from bodysense.io.formats.amass import read_amass
 from bodysense.io.formats.archive import SUFFIXES, ZIP, MotionFile, motion_files
 from bodysense.io.placement import BodyPlacement, read_with_placement, standing_floor
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
-from bodysense.io.rigged import read_rigged
+from bodysense.io.rigged import FBX, read_rigged
 from bodysense.io.rigs.canonical import complete_skeleton
 from bodysense.io.rigs.rig import Rig
 
@@ -67,7 +67,7 @@ def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[C
     """
     file = source.file
     suffix = file.place.suffix
-    if suffix.lower() not in (*SUFFIXES, ZIP):
+    if suffix.lower() not in (*SUFFIXES, ZIP, FBX):
         raise BodysenseError(f"{file.place}: unknown kind of file {suffix!r}; valid are {', '.join(SUFFIXES)}")
     rig = None
     if suffix.lower() == ".npz":

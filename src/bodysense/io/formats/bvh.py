@@ -21,8 +21,9 @@ from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes, written_beside
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_to_euler, slerp
 from bodysense.io.clip import Clip
-from bodysense.io.formats.bvh_text import BvhFile, parse_bvh
+from bodysense.io.formats.bvh_text import parse_bvh
 from bodysense.io.rigs.figure import Figure, positions_in_parent
+from bodysense.io.rigs.joint_file import JointFile
 
 _UNIT, _ORDER = 0.01, "ZXY"  # m of a file unit, and the channels' order, unless others are given
 _BLOCK = 256  # frames written at once
@@ -58,12 +59,12 @@ def read_bvh(path: str | Path, unit: float = _UNIT) -> Clip:
     return Clip(path.stem, Pose(skeleton, root, figure.rotation), figure.frame_rate)
 
 
-def figures_of(file: BvhFile) -> list[Figure]:
+def figures_of(file: JointFile) -> list[Figure]:
     """Return the trees of a file, in file units. End Sites are named after their joints, 'LeftToeBase_end'."""
     return [_figure(file, root) for root, node in enumerate(file.tree) if node.parent < 0]
 
 
-def _figure(file: BvhFile, root: int) -> Figure:
+def _figure(file: JointFile, root: int) -> Figure:
     inside = {root}
     for k, node in enumerate(file.tree):
         if node.parent in inside:

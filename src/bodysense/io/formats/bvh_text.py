@@ -7,17 +7,14 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.gaps import runs
 from bodysense.errors import BodysenseError
 from bodysense.files import HUGE, check_plain, read_bytes, sound, written_beside
-from bodysense.geometry.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, swing_twist
+from bodysense.io.rigs.joint_file import JointFile, Node
 
-_BLOCK = 256  # frames converted at once
 MOST_NODES = 20_000  # joints and end sites; no body has a tenth of them
 
 _TOKEN = re.compile(
@@ -32,46 +29,12 @@ _NOT_A_NUMBER = re.compile(rb"(?<!\S)[-+]?(?:1\.#\w+|nan\(\w*\))", re.IGNORECASE
 _TIMING = re.compile(rb"(\s*Frames\s*:\s*)(\d{1,12})(\s+Frame\s+Time\s*:\s*)(\S+)(\s*)", re.IGNORECASE)
 
 
-@dataclass
-class Node:
-    """A joint or End Site of the HIERARCHY section."""
-
-    name: str
-    parent: int  # among the nodes; -1 for a root
-    is_site: bool
-    offset: tuple[float, ...] | None = None
-    channels: tuple[str, ...] = ()  # 'Xposition' …
-
-
 @dataclass(frozen=True, eq=False)
-class BvhFile:
-    """A BVH file: its joints, parents before children, and its motion in file units and degrees.
+class BvhFile(JointFile):
+    """A BVH file: its joints and motion, and its text."""
 
-    End Sites are in `tree` alone.
-    """
-
-    path: Path
     head: bytes  # everything before the first frame
     motion: bytes  # the frames
-    tree: tuple[Node, ...]  # joints and End Sites, parents before children
-    nodes: tuple[int, ...]  # which node of the tree each joint is
-    joints: tuple[str, ...]
-    parents: tuple[int, ...]  # the joint above each; -1 for a root
-    offset: np.ndarray  # (J, 3) from the parent, file units
-    channels: tuple[tuple[str, ...], ...]  # of each joint, 'Xposition' …, in the file's order
-    values: np.ndarray  # (T, C); NaN where the file's value is not a number
-    frame_rate: float  # Hz
-
-    @cached_property
-    def columns(self) -> tuple[range, ...]:
-        """Each joint's columns in a frame."""
-        starts = [0, *accumulate(len(node.channels) for node in self.tree)]  # an End Site may have channels, too
-        return tuple(range(starts[k], starts[k + 1]) for k in self.nodes)
-
-    @cached_property
-    def order(self) -> tuple[str, ...]:
-        """The axes that each joint turns about, 'ZXY', in the order of its channels; '' for one that cannot turn."""
-        return tuple("".join(c[0] for c in channels if c.endswith("rotation")) for channels in self.channels)
 
     @cached_property
     def lines(self) -> tuple[bytes, ...]:
@@ -83,71 +46,9 @@ class BvhFile:
         words = self.motion.split()
         return tuple(b" ".join(words[k : k + count]) + b"\n" for k in range(0, frames * count, count))
 
-    def columns_of(self, joint: int, kind: str) -> list[int]:
-        """Return the columns of a joint's channels of one kind, 'rotation' or 'position'."""
-        return [k for k, name in zip(self.columns[joint], self.channels[joint], strict=True) if name.endswith(kind)]
-
-    def axes_of(self, joint: int) -> list[int]:
-        """Return the axes of a joint's position channels, in their order."""
-        return ["XYZ".index(channel[0]) for channel in self.channels[joint] if channel.endswith("position")]
-
-    @cached_property
-    def has_number(self) -> np.ndarray:
-        """(T, J) bool: all channels of a joint are numbers."""
-        number = np.isfinite(self.values)
-        return np.stack([number[:, list(columns)].all(axis=1) for columns in self.columns], axis=1)
-
-    @cached_property
-    def mended(self) -> BvhFile:
-        """The file with missing numbers interpolated linearly between their neighbours.
-
-        A channel without any number is zero, or for a position the joint's offset.
-        """
-        values, missing = self.values.copy(), ~np.isfinite(self.values)
-        if not missing.any():
-            return self
-        rest = np.zeros(values.shape[1])
-        for joint, offset in enumerate(self.offset):
-            rest[self.columns_of(joint, "position")] = offset[self.axes_of(joint)]
-        for column in np.flatnonzero(missing.any(axis=0)).tolist():
-            known = np.flatnonzero(~missing[:, column])
-            there = np.interp(np.arange(len(values)), known, values[known, column]) if known.size else rest[column]
-            values[:, column] = there
-        return self.with_values(values, missing)
-
-    @cached_property
-    def rotation(self) -> np.ndarray:
-        """(T, J, 4) local rotations of the mended file."""
-        values = self.mended.values
-        rotation = np.zeros((len(values), len(self.joints), 4))
-        rotation[..., 0] = 1
-        for order in {*self.order} - {""}:
-            joints = [joint for joint, axes in enumerate(self.order) if axes == order]
-            columns = [self.columns_of(joint, "rotation") for joint in joints]
-            for start in range(0, len(values), _BLOCK):  # in blocks that stay in the processor's cache
-                block = slice(start, start + _BLOCK)
-                angles = np.deg2rad(values[block][:, columns])
-                rotation[block][:, joints] = quaternion_canonical(euler_to_quaternion(angles, order))
-        return rotation
-
-    def place(self, joint: int) -> np.ndarray:
-        """Return a joint's position channels (T, 3) of the mended file; its offset along axes without a channel."""
-        place = np.tile(self.offset[joint], (len(self.values), 1))
-        place[:, self.axes_of(joint)] = self.mended.values[:, self.columns_of(joint, "position")]
-        return place
-
-    def without_places(self, gone: np.ndarray) -> BvhFile:
-        """Return the file without the positions of joints where `gone` (T, J)."""
-        values = self.values.copy()
-        for joint in np.flatnonzero(gone.any(axis=0)).tolist():
-            for column in self.columns_of(joint, "position"):
-                values[gone[:, joint], column] = np.nan
-        return replace(self, values=values)
-
     def with_values(self, values: np.ndarray, changed: np.ndarray) -> BvhFile:
         """Return the file with other numbers (T, C) where `changed` (T, C); the text of all others stays."""
-        if not np.isfinite(values[changed]).all():
-            raise BodysenseError(f"{self.path}: numbers to be written are not finite")
+        self.check_finite(values[changed])
         lines = list(self.lines)
         for frame in np.flatnonzero(changed.any(axis=1)):
             # Split into words and the space between them, so that unchanged words keep their text.
@@ -156,25 +57,6 @@ class BvhFile:
                 parts[2 * column + 1] = b"%.6f" % values[frame, column]
             lines[frame] = b"".join(parts)
         return replace(self, motion=b"".join(lines), values=np.where(changed, values, self.values))
-
-    def with_rotation(self, rotation: np.ndarray, changed: np.ndarray) -> BvhFile:
-        """Return the file with other local rotations (T, J, 4) where `changed` (T, J).
-
-        Angles are those nearest to the frame before. A joint with one or two axes gets the nearest possible rotation.
-        """
-        values, columns_changed = self.mended.values.copy(), np.zeros(self.values.shape, dtype=bool)
-        for joint in np.flatnonzero(changed.any(axis=0)).tolist():
-            order, columns, frames = self.order[joint], self.columns_of(joint, "rotation"), changed[:, joint]
-            if not order:
-                continue
-            turns = rotation[:, joint]
-            if len(order) == 1:
-                turns = swing_twist(turns, np.eye(3)["XYZ".index(order)])[1]
-            for first, end in runs(frames):
-                before = np.deg2rad(values[first - 1, columns]) if first else np.zeros(len(order))
-                values[first:end, columns] = np.rad2deg(euler_near(turns[first:end], order, before))
-            columns_changed[:, columns] = frames[:, None]
-        return self.with_values(values, columns_changed)
 
     def with_frames(self, row: np.ndarray, count: int, frame_rate: float) -> BvhFile:
         """Return the file with `count` frames of one row (C,) of values."""
@@ -190,22 +72,6 @@ class BvhFile:
         """Write the file; it appears whole or not at all."""
         with written_beside(path) as part:
             part.write_bytes(self.text())
-
-
-def euler_near(rotation: np.ndarray, order: str, before: np.ndarray) -> np.ndarray:
-    """Return angles (T, n) of rotations (T, 4), each nearest to the frame before, the first to `before` (n,); radians.
-
-    A rotation has two triples of angles, and an angle may have whole turns added; the choice moves least. For fewer
-    than three axes, the angles about the others are dropped.
-    """
-    one = quaternion_to_euler(rotation, order + "".join(axis for axis in "XYZ" if axis not in order))
-    other = np.array([1, -1, 1]) * one + np.pi
-    start = np.pad(before, (0, 3 - len(order)))[None]
-    last = np.concatenate([start, one[:-1]])
-    path, other_path = (np.abs((way - last + np.pi) % (2 * np.pi) - np.pi).sum(axis=1) for way in (one, other))
-    is_other = np.cumsum(other_path < path) % 2 == 1  # they change from one triple to the other
-    angles = np.where(is_other[:, None], other, one)
-    return np.unwrap(np.concatenate([start, angles]), axis=0)[1:, : len(order)]
 
 
 def parse_bvh(data: bytes, path: Path) -> BvhFile:

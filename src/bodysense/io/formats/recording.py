@@ -19,7 +19,14 @@ from bodysense.arrays import read_arrays
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text, written_beside
-from bodysense.observing.observation import Observation, check_observation, check_shapes, usual_accuracy, without_gloves
+from bodysense.observing.observation import (
+    RAW_POINTS,
+    Observation,
+    check_observation,
+    check_shapes,
+    usual_accuracy,
+    without_gloves,
+)
 
 if TYPE_CHECKING:
     from bodysense.body.hands.glove_set import GloveSet
@@ -218,8 +225,9 @@ def _check(path: Path, recording: Recording) -> None:
             f"{path}: position has shape {seen.position.shape}; a recording is of one motion, {wanted}"
         )
     check_observation(seen, str(path))
+    joints = [name for name in without_gloves(seen).points if name not in RAW_POINTS]
     try:
-        recording.skeleton.indices(without_gloves(seen).points)
+        recording.skeleton.indices(joints)
     except BodysenseError as error:
         raise BodysenseError(f"{path}: {error}") from None
 

@@ -262,7 +262,15 @@ def _fingers(names: dict[_Name, tuple[str, int]]) -> dict[str, str]:
         for name, (finger, _) in names.items()
         if finger == "thumb" and any(_PHALANGES.get(word) == 0 for word in name.after)
     }
+    numbers: dict[tuple[str, str], set[int]] = {}
     for name, (finger, joint) in names.items():
+        numbers.setdefault((name.side, finger), set()).add(joint if not name.is_end else -1)
+    # Fingers numbered 2 to 4 lack the bone inside the palm, which is the first.
+    palmless = {key for key, own in numbers.items() if {2, 3, _TIP} <= own and 1 not in own}
+    for name, (finger, joint) in names.items():
+        if (name.side, finger) in palmless and not name.is_end:
+            found.setdefault(f"{name.side}_{finger}{joint - 1}", name.given)
+            continue
         number = min(joint + 1, 3) if finger == "thumb" and name.side in rooted and joint < _TIP else joint
         if 1 <= number <= _TIP:
             found.setdefault(f"{name.side}_{finger}{'_tip' if number == _TIP else number}", name.given)

@@ -1,4 +1,4 @@
-"""Rigs to write on: our joints under the names that other programs know, or the rig of a BVH file."""
+"""Rigs to write on: our joints under the names that other programs know, or the rig of a BVH or FBX file."""
 
 from __future__ import annotations
 
@@ -14,7 +14,21 @@ from bodysense.io.formats.gltf.humanoid import VRM_BONES, check_humanoid, t_pose
 
 OWN = "bodysense"
 SOURCE = "source"  # the rig of the file that was tracked
-RigName = Literal["bodysense", "smplh", "mixamo", "unreal", "rigify", "vrm", "source"]
+RigName = Literal[
+    "bodysense",
+    "smplh",
+    "mixamo",
+    "unreal",
+    "metahuman",
+    "rigify",
+    "vrm",
+    "vrchat",
+    "lafan1",
+    "soma",
+    "mhr",
+    "source",
+]
+FILES = (".bvh", ".fbx")  # endings of files whose rig can be taken
 RIGS: tuple[str, ...] = get_args(RigName)
 
 
@@ -71,12 +85,87 @@ RIGIFY = _table(
 )
 """Our joint → the bone of the human meta-rig of Blender's Rigify."""
 
-_NAMES = {"mixamo": MIXAMO, "unreal": UNREAL, "rigify": RIGIFY}  # rigs whose rest pose is ours
+METAHUMAN = UNREAL | {"spine2": "spine_03", "spine3": "spine_05"}
+"""Our joint → the bone of a MetaHuman, whose spine has five bones; ours are its first, third and fifth."""
+
+VRCHAT = _table(
+    {
+        **{"pelvis": "Hips", "spine1": "Spine", "spine2": "Chest", "spine3": "Upper Chest"},
+        **{"neck": "Neck", "head": "Head"},
+    },
+    "{1} {4}",
+    {
+        **{"hip": "leg", "knee": "knee", "ankle": "ankle", "foot": "toe"},
+        **{"collar": "shoulder", "shoulder": "arm", "elbow": "elbow", "wrist": "wrist"},
+    },
+) | _table(
+    {},
+    "{4}_{3}",
+    {
+        f"{ours}{k}": f"{theirs}{k - (ours == 'thumb')}"
+        for ours, theirs in (("thumb", "Thumb"), ("index", "IndexFinger"), ("middle", "MiddleFinger"))
+        for k in (1, 2, 3)
+    }
+    | {
+        f"{ours}{k}": f"{theirs}{k}"
+        for ours, theirs in (("ring", "RingFinger"), ("pinky", "LittleFinger"))
+        for k in (1, 2, 3)
+    },
+)
+"""Our joint → the bone of avatars that are prepared for VRChat in Blender."""
+
+LAFAN1 = _table(
+    {
+        **{"pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2"},
+        **{"neck": "Neck", "head": "Head"},
+    },
+    "{1}{4}",
+    {
+        **{"hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "Toe"},
+        **{"collar": "Shoulder", "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand"},
+    },
+)
+"""Our joint → that of the LAFAN1 data set, which has no fingers."""
+
+SOMA = _table(
+    {
+        **{"pelvis": "Hips", "spine1": "Spine1", "spine2": "Spine2", "spine3": "Chest"},
+        **{"neck": "Neck1", "head": "Head", "head_top": "HeadEnd"},
+    },
+    "{1}{4}",
+    {
+        **{"hip": "Leg", "knee": "Shin", "ankle": "Foot", "foot": "ToeBase", "toe": "ToeEnd"},
+        **{"collar": "Shoulder", "shoulder": "Arm", "elbow": "ForeArm", "wrist": "Hand"},
+        # All fingers but the thumb begin with a bone inside the palm, which we lack.
+        **{f"{f}{k}": f"Hand{f.capitalize()}{k + (f != 'thumb')}" for f in FINGERS for k in (1, 2, 3)},
+        **{f"{f}_tip": f"Hand{f.capitalize()}End" for f in FINGERS},
+    },
+)
+"""Our point → that of SOMA's 77 joints, whose `LeftLeg` is the thigh."""
+
+MHR = _table(
+    {
+        **{"pelvis": "root", "spine1": "c_spine0", "spine2": "c_spine1", "spine3": "c_spine3"},
+        **{"neck": "c_neck", "head": "c_head"},
+    },
+    "{2}_{4}",
+    {
+        **{"hip": "upleg", "knee": "lowleg", "ankle": "foot", "foot": "ball"},
+        **{"collar": "clavicle", "shoulder": "uparm", "elbow": "lowarm", "wrist": "wrist"},
+        **{f"{finger}{k}": f"{finger}{k}" for finger in FINGERS for k in (1, 2, 3)},
+    },
+)
+"""Our joint → that of the Momentum Human Rig."""
+
+_NAMES = {  # rigs whose rest pose is ours
+    **{"mixamo": MIXAMO, "unreal": UNREAL, "metahuman": METAHUMAN, "rigify": RIGIFY},
+    **{"vrchat": VRCHAT, "lafan1": LAFAN1, "soma": SOMA, "mhr": MHR},
+}
 
 
 def is_rig_file(rig: str | Path) -> bool:
-    """Whether a rig is that of a BVH file."""
-    return Path(rig).suffix.lower() == ".bvh"
+    """Whether a rig is that of a BVH or FBX file."""
+    return Path(rig).suffix.lower() in FILES
 
 
 def check_rig(path: Path, rig: str | Path, source: Path | None) -> None:
@@ -84,19 +173,22 @@ def check_rig(path: Path, rig: str | Path, source: Path | None) -> None:
 
     Args:
         path: where the motion goes.
-        rig: one of `RIGS`, or a BVH file.
-        source: the BVH file that is tracked, if it is one.
+        rig: one of `RIGS`, or a BVH or FBX file.
+        source: the BVH or FBX file that is tracked, if it is one.
     """
     if is_rig_file(rig):
         if not Path(rig).is_file():
-            raise BodysenseError(f"--rig {rig}: no such file; give a BVH file, or one of {', '.join(RIGS)}")
+            raise BodysenseError(f"--rig {rig}: no such file; give a BVH or FBX file, or one of {', '.join(RIGS)}")
     elif rig not in RIGS:
-        raise BodysenseError(f"unknown rig {str(rig)!r}; valid are {', '.join(RIGS)}, or a BVH file")
+        raise BodysenseError(f"unknown rig {str(rig)!r}; valid are {', '.join(RIGS)}, or a BVH or FBX file")
     named = [name for name in RIGS if name != SOURCE]
     if rig == SOURCE and source is None:
-        raise BodysenseError(f"--rig source: only a .bvh file has a rig of its own; give {', '.join(named)}, or a .bvh")
-    if (rig == SOURCE or is_rig_file(rig)) and path.suffix.lower() != ".bvh":
-        raise BodysenseError(f"{path}: --rig {rig} is written as .bvh; end the name so, or give {', '.join(named)}")
+        raise BodysenseError(
+            f"--rig source: only a .bvh or .fbx file has a rig of its own; give {', '.join(named)}, or such a file"
+        )
+    file = source if rig == SOURCE else Path(rig) if is_rig_file(rig) else None
+    if file is not None and path.suffix.lower() != (ending := file.suffix.lower()):
+        raise BodysenseError(f"{path}: --rig {rig} is written as {ending}; end the name so, or give {', '.join(named)}")
     if path.suffix.lower() == ".vrma" and rig not in (OWN, "vrm"):
         raise BodysenseError(f"{path}: --rig {rig}: a VRM animation has VRM's bones; leave --rig out")
     if path.suffix.lower() == ".mcap" and rig != OWN:

@@ -1,4 +1,4 @@
-"""A BVH file's own rig: how its joints are turned against ours, and motions written on it.
+"""The own rig of a BVH or FBX file: how its joints are turned against ours, and motions written on it.
 
 In the world a joint of the file is turned as ours is, after one constant turn: T-poses differ, joints do not. So what
 was estimated on our joints can be expressed in the file's own: its hierarchy, names, offsets, channel order, unit and
@@ -26,10 +26,10 @@ from bodysense.geometry.rotation import (
     quaternion_rotate,
 )
 from bodysense.io.clip import Clip
-from bodysense.io.formats.bvh_text import BvhFile, open_bvh
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
-from bodysense.io.rigged import Rigged, read_rigged
+from bodysense.io.rigged import Rigged, open_joint_file, rigged_of
 from bodysense.io.rigs.figure import positions_in_parent
+from bodysense.io.rigs.joint_file import JointFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ def own_joints(skeleton: Skeleton, lacking: Sequence[str] = ()) -> SourceJoints:
     return SourceJoints(skeleton.joints, skeleton.parents[:count], ours, sites, turn, unturned)
 
 
-def joints_of_file(file: BvhFile, rigged: Rigged) -> SourceJoints:
+def joints_of_file(file: JointFile, rigged: Rigged) -> SourceJoints:
     """The joints of a file, from what was read of it."""
     figure, rig, pose = rigged.figure, rigged.rig, rigged.clip.pose
     place = {node: joint for joint, node in enumerate(file.nodes)}
@@ -151,17 +151,17 @@ def mean_rotation(rotation: np.ndarray) -> np.ndarray:
 
 
 def write_on_rig_of(path: Path, clip: Clip, source: Path, options: ReadingOptions = AS_FOUND) -> None:
-    """Write a clip as BVH on the rig of another BVH file.
+    """Write a clip on the rig of a BVH or FBX file, as a file of this kind.
 
     On a body of other proportions feet stay on the floor and hands keep their positions, in a world scaled with the
     legs (`transfer_motion`). Joints of the rig that we lack keep their mean rotation and position. Raises
-    BodysenseError if the rig's file is not a BVH file, or not a humanoid.
+    BodysenseError if the rig's file cannot be read, or is not a humanoid.
     """
-    file = open_bvh(source)
-    on_rig(file, read_rigged(file.mended.text(), source, options), clip).write(path)
+    file = open_joint_file(source, options)
+    on_rig(file, rigged_of(file.mended, options), clip).write(path)
 
 
-def on_rig(file: BvhFile, rigged: Rigged, clip: Clip) -> BvhFile:
+def on_rig(file: JointFile, rigged: Rigged, clip: Clip) -> JointFile:
     """Return the clip as a file like `file`, from which `rigged` was read."""
     joints, body = joints_of_file(file, rigged), rigged.clip.pose.skeleton
     pose = (
@@ -186,7 +186,7 @@ def on_rig(file: BvhFile, rigged: Rigged, clip: Clip) -> BvhFile:
     return turned.with_values(values, changed)
 
 
-def _carrier(file: BvhFile, chain: list[int]) -> int:
+def _carrier(file: JointFile, chain: list[int]) -> int:
     """Return the joint that moves the body through the world, among a joint and its ancestors."""
     moving = [joint for joint in chain if len(file.columns_of(joint, "position")) == 3]
     if not moving:
@@ -195,7 +195,7 @@ def _carrier(file: BvhFile, chain: list[int]) -> int:
 
 
 def _carried(
-    rig: BvhFile, file: BvhFile, chain: list[int], target: np.ndarray, world: np.ndarray
+    rig: JointFile, file: JointFile, chain: list[int], target: np.ndarray, world: np.ndarray
 ) -> tuple[int, np.ndarray]:
     """Return the joint that moves a rig's body, and its position channels (T, 3) that bring a joint to `target` (T, 3).
 
@@ -216,8 +216,8 @@ def _carried(
     return carrier, np.asarray(place)
 
 
-def _offset(file: BvhFile, joint: int) -> np.ndarray:
+def _offset(file: JointFile, joint: int) -> np.ndarray:
     """Return the position (T, 3) of a joint in its parent, file units."""
-    still = np.tile(file.offset[joint], (len(file.lines), 1))
+    still = np.tile(file.offset[joint], (len(file.values), 1))
     given = {joint: file.place(joint)} if file.columns_of(joint, "position") else {}
     return positions_in_parent(given, file.offset).get(joint, still)

@@ -296,10 +296,10 @@ def scenes(
         jobs: processes; one for each core if omitted.
     """
     from bodysense.cli.show import wide_console, write_numbers
+    from bodysense_lab.completion.score.scripted.scene_scoring import SETS, SceneWork, scene_jobs, score_headsets
+    from bodysense_lab.completion.score.scripted.scene_strips import draw_strips
+    from bodysense_lab.completion.score.scripted.scene_tables import merge_scores, scene_numbers, scene_reports
     from bodysense_lab.completion.score.tracking import PeopleTracker
-    from bodysense_lab.completion.scripted.scene_scoring import SETS, SceneWork, scene_jobs, score_headsets
-    from bodysense_lab.completion.scripted.scene_strips import draw_strips
-    from bodysense_lab.completion.scripted.scene_tables import merge_scores, scene_numbers, scene_reports
     from bodysense_lab.core.parallel import parallel_map
     from bodysense_lab.synthesis.scenes import KINDS
 

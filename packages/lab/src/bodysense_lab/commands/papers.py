@@ -53,7 +53,8 @@ def track(
         method: 'unoc': body and fingers from a headset's cameras. 'hmd_vae': body from head and wrists. 'pahmt': arms
             and hands of a video. 'two_hands': hands from markers of gloves. 'completion': the tracker of
             `bodysense track`.
-        variant: of 'hmd_vae' the model, 0 to 4; of 'pahmt' cnn, ahmt or pahmt; of 'two_hands' paper or shipped.
+        variant: of 'hmd_vae' the model, 0 to 4; of 'pahmt' cnn, ahmt or pahmt; of 'two_hands' and 'unoc' paper or
+            shipped.
         networks: network file that `bodysense train` wrote, for 'two_hands' a folder; the packaged one if omitted.
         device: simulated device that tracks a motion; the paper's own if omitted.
         noise: simulate errors of a real device.

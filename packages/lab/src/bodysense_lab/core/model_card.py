@@ -51,7 +51,7 @@ def describe(path: Path, figures: Numbers) -> Path:
 
 def card_templates() -> list[dict[str, Any]]:
     """Read the rows of `model_cards.toml`."""
-    return tomllib.loads((files("bodysense_lab") / "model_cards.toml").read_text(encoding="utf-8"))["card"]
+    return tomllib.loads((files("bodysense_lab.core") / "model_cards.toml").read_text(encoding="utf-8"))["card"]
 
 
 def card_template(path: Path, fields: Mapping[str, str]) -> dict[str, Any]:

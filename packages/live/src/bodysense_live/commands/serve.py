@@ -39,10 +39,10 @@ def serve(
     from rich.console import Console
 
     from bodysense_live.commands.serve_settings import address_of, settings_of
+    from bodysense_live.processes.pool import serve_in_workers
     from bodysense_live.protocols.links import listen_tcp
     from bodysense_live.security.certificate import qr_code
     from bodysense_live.server.launch import serve
-    from bodysense_live.server.workers import serve_in_workers
 
     settings = settings_of(access, wearer, inputs, programs, load, reading)
     bound = listen_tcp("--port", settings.access.host, access.port)

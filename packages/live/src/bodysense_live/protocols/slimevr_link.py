@@ -70,13 +70,12 @@ class SlimevrLink(asyncio.DatagramProtocol):
 
     async def open(self, live: Live) -> None:
         """Start to listen."""
-        loop = asyncio.get_running_loop()
         self._apply_command: Callable[[Command], None] = live.apply_to_inputs
         slot = live.add_input("slimevr", SENSORS) if self._alone else None
         await self._port.open(self)
-        self._tasks.append(loop.create_task(self._send_heartbeats()))
+        self._tasks.append(live.supervisor.start(self._send_heartbeats()))
         if slot is not None:
-            self._tasks.append(loop.create_task(self._play(live, slot)))
+            self._tasks.append(live.supervisor.start(self._play(live, slot)))
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
         """Read one datagram and reply."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import replace
 from functools import partial
 from importlib.resources import files
@@ -18,6 +18,7 @@ from bodysense.errors import missing_package
 from bodysense.io.formats.protocol import SUBPROTOCOL
 from bodysense_live.protocols.datagrams import InputLink, MarkerInput, PoseSender, marker_points
 from bodysense_live.protocols.links import DeviceInput, Link, UdpPort
+from bodysense_live.protocols.robots.robot_link import RobotLink
 from bodysense_live.protocols.slimevr_link import SENSORS, SlimevrLink
 from bodysense_live.protocols.solarxr.solarxr_input import InputReader
 from bodysense_live.protocols.solarxr.solarxr_link import SolarxrLink
@@ -30,7 +31,9 @@ from bodysense_live.server.connection import serve_client
 from bodysense_live.server.live import Live
 from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.page_files import library_routes
+from bodysense_live.server.session_store import SessionKeeper, SessionStore
 from bodysense_live.server.settings import ServerSettings
+from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.tracked_devices import SIGNALS, DeviceReader
 
@@ -120,6 +123,8 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
             links.append(InputLink("markers", port, marker_points(settings.glove_set), protocol))
         if settings.receivers:
             links.append(PoseSender(settings.receivers, metrics))
+        if settings.robot is not None:
+            links.append(RobotLink(settings.robot, metrics))
         if settings.vmt is not None:
             links.append(VmtLink(settings.vmt, metrics, *with_sensors(VmtReader(settings.vmt.devices), SIGNALS)))
         if settings.vrchat is not None:
@@ -133,11 +138,33 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
     return links
 
 
+def probe_routes(live: Live, supervisor: Supervisor) -> list[Any]:
+    """Return the routes by which others watch the server's health."""
+    from starlette.responses import PlainTextResponse, Response
+    from starlette.routing import Route
+
+    async def healthz(_: Any) -> Response:
+        if not supervisor.is_stuck:
+            return PlainTextResponse("ok\n", headers=HEADERS)
+        return PlainTextResponse(f"a frame waits for {supervisor.longest_wait:.1f} s\n", 503, HEADERS)
+
+    async def readyz(_: Any) -> Response:
+        if supervisor.is_stuck:
+            return PlainTextResponse("stuck\n", 503, HEADERS)
+        text, status = ("full\n", 503) if live.is_full else ("ready\n", 200)
+        return PlainTextResponse(text, status, HEADERS)
+
+    return [Route("/healthz", healthz), Route("/readyz", readyz)]
+
+
 _NO_PAGE = "This copy of bodysense was installed without the page. The WebSocket is at /ws.\n"
 
 
-def application(settings: ServerSettings) -> Any:
-    """Return the ASGI application of one process. Raises BodysenseError if a library of the server is missing."""
+def application(settings: ServerSettings, supervisor: Supervisor, stores: Sequence[SessionKeeper] = ()) -> Any:
+    """Return the ASGI application of one process, which keeps sessions in `stores` and those of the settings.
+
+    Raises BodysenseError if a library of the server is missing.
+    """
     try:
         from starlette.applications import Starlette
         from starlette.responses import PlainTextResponse, Response
@@ -153,7 +180,9 @@ def application(settings: ServerSettings) -> Any:
         for link in links:
             link.send_body(answer)
 
-    live = Live(settings, metrics, send_body if links else None)
+    if settings.shared is not None:
+        stores = (*stores, SessionStore(settings.shared, settings.limits.seconds_to_resume))
+    live = Live(settings, metrics, supervisor, send_body if links else None, stores)
     access_check = AccessCheck(settings.access)
 
     async def websocket(client: WebSocket) -> None:
@@ -169,13 +198,6 @@ def application(settings: ServerSettings) -> Any:
             return
         await client.accept(SUBPROTOCOL if offered else None)
         await serve_client(client, live)
-
-    async def healthz(_: Any) -> Response:
-        return PlainTextResponse("ok\n", headers=HEADERS)
-
-    async def readyz(_: Any) -> Response:
-        text, status = ("full\n", 503) if live.is_full else ("ready\n", 200)
-        return PlainTextResponse(text, status, HEADERS)
 
     async def metrics_text(request: Any) -> Response:
         bearer = request.headers.get("authorization", "").removeprefix("Bearer ")
@@ -204,8 +226,7 @@ def application(settings: ServerSettings) -> Any:
     page = Path(str(files("bodysense_live").joinpath("page")))
     routes: list[BaseRoute] = [
         WebSocketRoute("/ws", websocket),
-        Route("/healthz", healthz),
-        Route("/readyz", readyz),
+        *probe_routes(live, supervisor),
         Route("/metrics", metrics_text),
         *library_routes(),
     ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import logging
+import os
 import socket
 import sys
 from collections.abc import Callable, Sequence
@@ -17,7 +18,9 @@ from bodysense.errors import missing_package
 from bodysense.io.formats.protocol import SignalFrame, write_pose
 from bodysense_live.server.application import application
 from bodysense_live.server.session_slot import SessionSlot
+from bodysense_live.server.session_store import SessionKeeper
 from bodysense_live.server.settings import ServerSettings
+from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.estimation import load
 from bodysense_live.sessions.newest_frames import websocket_protocol
 from bodysense_live.sessions.session import Session
@@ -43,8 +46,13 @@ def warm_up() -> None:
 _SWITCH_INTERVAL = 0.0005  # s; a short switch interval lets the event loop run while a thread computes
 
 
-def make_server(settings: ServerSettings, started: Callable[[Any], None] = lambda server: None) -> Any:
+def make_server(
+    settings: ServerSettings, started: Callable[[Any], None] = lambda server: None, stores: Sequence[SessionKeeper] = ()
+) -> Any:
     """Return a uvicorn server. `run([socket])` serves until `should_exit` is set, and calls `started` with the server.
+
+    If one of its tasks ends, it closes its connections and stops; `supervisor.failure` is then the reason.
+    `stores`: where sessions are kept, besides the store of the settings.
 
     Raises BodysenseError if a library is missing, or a UDP port or an avatar's address cannot be used.
     """
@@ -55,15 +63,20 @@ def make_server(settings: ServerSettings, started: Callable[[Any], None] = lambd
         raise missing_package(error) from None
 
     class Server(uvicorn.Server):
+        supervisor: Supervisor
+
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
             started(self)
 
     from uvicorn.protocols.http.auto import AutoHTTPProtocol
 
-    limits, access = settings.limits, settings.access
+    def end(failure: BaseException) -> None:
+        server.should_exit = True
+
+    limits, access, supervisor = settings.limits, settings.access, Supervisor(end)
     config = uvicorn.Config(
-        application(settings),
+        application(settings, supervisor, stores),
         http=with_request_timeout(AutoHTTPProtocol, limits.seconds_to_request),
         ssl_certfile=access.certificate,
         ssl_keyfile=access.key,
@@ -76,13 +89,17 @@ def make_server(settings: ServerSettings, started: Callable[[Any], None] = lambd
         timeout_keep_alive=5,
         timeout_graceful_shutdown=3,
         server_header=False,
+        proxy_headers=bool(access.trusted_proxies),
+        forwarded_allow_ips=list(access.trusted_proxies),
         log_config=None,
         log_level="error",
         access_log=False,
     )
     # A refused WebSocket is not an error of the server.
     logging.getLogger("uvicorn.error").addFilter(lambda record: "completing handshake" not in record.getMessage())
-    return Server(config)
+    server = Server(config)
+    server.supervisor = supervisor
+    return server
 
 
 def with_request_timeout(kind: Any, seconds: float) -> Any:
@@ -106,15 +123,21 @@ def with_request_timeout(kind: Any, seconds: float) -> Any:
 
 
 def serve(
-    settings: ServerSettings, bound: Sequence[socket.socket], started: Callable[[Any], None] = lambda server: None
+    settings: ServerSettings,
+    bound: Sequence[socket.socket],
+    started: Callable[[Any], None] = lambda server: None,
+    stores: Sequence[SessionKeeper] = (),
 ) -> None:
-    """Serve on sockets until the process is interrupted."""
+    """Serve on sockets until the process is interrupted. If a task of the server fails, the process ends (status 1)."""
     with contextlib.ExitStack() as opened, contextlib.suppress(KeyboardInterrupt):
         for one in bound:
             opened.enter_context(one)
-        server = make_server(settings, started)
+        server = make_server(settings, started, stores)
         warm_up()
         gc.collect()
         gc.freeze()  # otherwise collections of the loaded objects delay frames by 20 ms
         sys.setswitchinterval(_SWITCH_INTERVAL)
         server.run(list(bound))
+        if server.supervisor.failure is not None:
+            print("bodysense: the server failed, and has ended: see above for why", file=sys.stderr, flush=True)
+            os._exit(1)  # a regular exit would wait for a thread that hangs

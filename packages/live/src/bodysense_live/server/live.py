@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import hmac
 import secrets
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from time import monotonic
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import ProtocolError, SignalFrame, write_pose, write_signal, write_truth
+from bodysense_live.security.safety import TOO_MANY_WRONG, TokenThrottle
 from bodysense_live.server.message_text import changed
 from bodysense_live.server.messages import (
     Calibrate,
@@ -30,7 +32,8 @@ from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.scheduler import Scheduler
 from bodysense_live.server.send_queue import SendQueue
 from bodysense_live.server.session_slot import OutputSelector, SessionSlot, WearerFile
-from bodysense_live.server.session_store import SessionStore, StoredSession
+from bodysense_live.server.session_store import SessionKeeper, StoredSession
+from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.recordings import Recordings
 from bodysense_live.sessions.replay import Playable, Player
@@ -50,30 +53,38 @@ class Live:
     Args:
         settings: settings of the server.
         metrics: counters.
+        supervisor: of the tasks; it ends the server if one ends.
         send_body: called with each answer that goes to avatars (`OutputSelector`).
+        stores: where sessions are kept for other processes.
     """
 
     def __init__(
-        self, settings: ServerSettings, metrics: Metrics, send_body: Callable[[Answer], None] | None = None
+        self,
+        settings: ServerSettings,
+        metrics: Metrics,
+        supervisor: Supervisor,
+        send_body: Callable[[Answer], None] | None = None,
+        stores: Sequence[SessionKeeper] = (),
     ) -> None:
         self._settings, self.metrics, self._send_body = settings, metrics, send_body
-        self.limits = settings.limits
-        shared = settings.shared
-        self._store = None if shared is None else SessionStore(shared, self.limits.seconds_to_resume)
+        self.limits, self.supervisor, self._stores = settings.limits, supervisor, tuple(stores)
         self._wearers, self._output_selector = WearerFile(settings.save_person, settings.trackers), OutputSelector()
         self._recordings = Recordings(settings.allow_record, self.limits.recording)
         self._slots: dict[str, SessionSlot] = {}
         self._inputs: dict[Source, SessionSlot] = {}
-        self._tasks: list[asyncio.Task[None]] = []
         self._just_disconnected: set[str] = set()  # session ids of clients that left since the last store
         self._changed = asyncio.Event()  # set if a session must be stored
+        self._throttle = TokenThrottle()  # of sessions' tokens
+        self._output_failed = False  # an error was printed
 
     def start(self) -> None:
         """Start the tasks, in a running event loop."""
         self._loop = asyncio.get_running_loop()
         self._recordings.start()
         self._scheduler: Scheduler[SessionSlot] = Scheduler(self._deliver, self._refuse, self.metrics.stepping.inc)
-        self._tasks = [self._loop.create_task(self._scheduler.run()), self._loop.create_task(self._sweep())]
+        self.supervisor.start(self._scheduler.run())
+        self.supervisor.start(self._sweep())
+        self.supervisor.watch(lambda: self._scheduler.waiting_since)
         if self._settings.playable is not None and self._send_body is not None:
             self._inputs["replay"] = self._add_replay(self._settings.playable, "replay", Settings())
 
@@ -81,12 +92,10 @@ class Live:
         """Close every session and its recording."""
         for slot in list(self._slots.values()):
             self._close(slot)
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self.supervisor.stop()
         await self._recordings.finish()
-        if self._store is not None:
-            await self._store.close()
+        for store in self._stores:
+            await store.close()
 
     @property
     def is_full(self) -> bool:
@@ -110,13 +119,16 @@ class Live:
         replay: tuple[Source, ...] = ("replay",) if self._settings.playable is not None else ()
         return (*replay, *(source for source in self._inputs if source != "replay"))
 
-    async def admit(self, hello: Hello, queue: SendQueue) -> SessionSlot:
-        """Return a session for a client, and welcome the client. Raises ProtocolError if no session is available."""
+    async def admit(self, hello: Hello, queue: SendQueue, address: str = "") -> SessionSlot:
+        """Return a session for a client at an address, and welcome the client.
+
+        Raises ProtocolError if no session is available. A wrong token of a session is answered after a delay.
+        """
         queue.is_watcher = hello.follow is not None
-        slot = await self._resume(hello, hello.resume) if hello.resume is not None else None
+        slot = await self._resume(hello, hello.resume, address) if hello.resume is not None else None
         resumed = slot is not None
         if slot is None:
-            slot = self._watched_slot(hello.follow) if hello.follow is not None else self._new_slot(hello)
+            slot = await self._watched_slot(hello.follow, address) if hello.follow else self._new_slot(hello)
         slot.queues.append(queue)
         if not queue.is_watcher:
             slot.disconnected_at = None
@@ -194,26 +206,31 @@ class Live:
             raise ProtocolError(f"the server has its {self.limits.sessions} sessions already; try again later", 1013)
         self._close(min(disconnected, key=lambda slot: slot.disconnected_at or 0.0))
 
-    def _watched_slot(self, follow: Resume) -> SessionSlot:
+    async def _watched_slot(self, follow: Resume, address: str) -> SessionSlot:
         """Return another client's session, to watch it."""
         slot = self._slots.get(follow.session)
-        if slot is None or not hmac.compare_digest(slot.watch_token.encode(), follow.token.encode()):
+        if slot is None or not await self._is_token(slot.watch_token, follow, address):
             raise ProtocolError("there is no such session to watch, or its token is wrong", 1008)
         return slot
 
-    async def _resume(self, hello: Hello, resume: Resume) -> SessionSlot | None:
+    async def _is_token(self, token: str, given: Resume, address: str) -> bool:
+        """Return whether a client gave a session's token. A wrong one takes time; too many of them are refused."""
+        if hmac.compare_digest(token.encode(), given.token.encode()):
+            return True
+        if not await self._throttle.delay(f"{address} {given.session}", self._loop.time()):
+            raise ProtocolError(TOO_MANY_WRONG, 1008)
+        return False
+
+    async def _resume(self, hello: Hello, resume: Resume, address: str) -> SessionSlot | None:
         """Return the session that a client had, here or in another process; None if it has expired."""
-        stored = None if self._store is None else await self._store.take(resume)
+        found = await asyncio.gather(*(store.take(resume) for store in self._stores))
+        stored = max((one for one in found if one is not None), key=lambda one: one[0], default=None)
         slot = self._slots.get(resume.session)
         if stored is not None and (slot is None or stored[0] > slot.generation + 1):  # another process owned it later
             if slot is not None:
                 self._close(slot, _ELSEWHERE)
             return self._restore(hello, resume, *stored)
-        if (
-            slot is None
-            or slot.source is not None
-            or not hmac.compare_digest(slot.token.encode(), resume.token.encode())
-        ):
+        if slot is None or slot.source is not None or not await self._is_token(slot.token, resume, address):
             return None
         for queue in [one for one in slot.queues if not one.is_watcher]:  # a broken connection that is not detected yet
             queue.close(_ELSEWHERE)
@@ -242,16 +259,15 @@ class Live:
             if (one.is_driven or one.session_id in self._just_disconnected) and one.source is None
         }
         self._just_disconnected.clear()
-        if self._store is None or not to_store:
+        if not self._stores or not to_store:
             return
-        lost = await self._store.put(
-            {session_id: (slot.generation, slot.store_text()) for session_id, slot in to_store.items()}
-        )
-        if lost is None:
-            self.metrics.store_failures.inc()
-        for session_id in lost or ():
-            if self._slots.get(session_id) is to_store[session_id]:
-                self._close(to_store[session_id], _ELSEWHERE)
+        states = {session_id: (slot.generation, slot.store_text()) for session_id, slot in to_store.items()}
+        for lost in await asyncio.gather(*(store.put(states) for store in self._stores)):
+            if lost is None:
+                self.metrics.store_failures.inc()
+            for session_id in lost or ():
+                if self._slots.get(session_id) is to_store[session_id]:
+                    self._close(to_store[session_id], _ELSEWHERE)
 
     def _add_slot(self, name: str, session: Session, source: Source | None) -> SessionSlot:
         token, watch_token = secrets.token_urlsafe(16), secrets.token_urlsafe(16)
@@ -269,8 +285,16 @@ class Live:
             self.receive(slot, frame)
 
         slot.player = Player(playable, play)
-        slot.player_task = self._loop.create_task(slot.player.run())
+        slot.player_task = self._loop.create_task(self._play(slot, slot.player))
         return slot
+
+    async def _play(self, slot: SessionSlot, player: Player) -> None:
+        """Play until cancelled. If that fails, close the session."""
+        try:
+            await player.run()
+        except Exception:  # other sessions continue
+            traceback.print_exc()
+            self._close(slot, "the server failed to play this replay; connect again")
 
     def _send_messages(self, slot: SessionSlot) -> None:
         """Send a session's new messages to its clients."""
@@ -303,10 +327,21 @@ class Live:
         self._recordings.add(slot, answer)
         is_input = slot in self._inputs.values()
         if self._send_body is not None and self._output_selector.selects(slot, answer, is_input, self._loop.time()):
+            self._send_to_avatars(answer)
+
+    def _send_to_avatars(self, answer: Answer) -> None:
+        """Send a body to avatars. If that fails, the session continues."""
+        assert self._send_body is not None
+        try:
             self._send_body(answer)
+        except Exception:  # of one protocol
+            self.metrics.dropped("output")
+            if not self._output_failed:
+                traceback.print_exc()
+            self._output_failed = True
 
     def _refuse(self, slot: SessionSlot, error: ProtocolError) -> None:
-        """Close the connection of a client that sent a frame with an invalid value."""
+        """Close the connection of a client whose frame is invalid, or whose answer cannot be delivered."""
         for queue in slot.queues:
             if not queue.is_watcher:
                 self.metrics.closed(error.code)

@@ -10,9 +10,10 @@ next step, and all but their newest frame are skipped without being decoded (`ne
 from __future__ import annotations
 
 import asyncio
+import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Generic, Protocol, TypeVar
 
 from bodysense.io.formats.protocol import ProtocolError
@@ -38,7 +39,8 @@ class Scheduler(Generic[Slot]):
 
     Args:
         deliver: called with a slot and its answer, or None if the step failed.
-        refuse: called with a slot and an error for a frame with an invalid value.
+        refuse: called with a slot and the reason for which its client must be closed: a frame with an invalid value,
+            or a failure to deliver.
         on_stepped: called with the seconds that a common step took.
     """
 
@@ -49,7 +51,8 @@ class Scheduler(Generic[Slot]):
         on_stepped: Callable[[float], object],
     ) -> None:
         self._deliver, self._refuse, self._on_stepped = deliver, refuse, on_stepped
-        self._ready: dict[Slot, None] = {}  # in order of arrival
+        self._ready: dict[Slot, float] = {}  # in order of arrival: since when (s) each has a frame
+        self._stepping_since: float | None = None  # s, when the oldest frame arrived that is being completed
         self._wake = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="tracker")
         self.reading = asyncio.Event()  # cleared while sessions are stepped
@@ -58,8 +61,14 @@ class Scheduler(Generic[Slot]):
     def ready(self, slot: Slot) -> None:
         """Schedule a step of a session, if it has a new frame."""
         if slot.session.is_ready:
-            self._ready[slot] = None
+            self._ready.setdefault(slot, monotonic())
             self._wake.set()
+
+    @property
+    def waiting_since(self) -> float | None:
+        """Since when (s, of `time.monotonic`) the oldest frame waits for its answer; None if none does."""
+        waiting = [*self._ready.values(), *([] if self._stepping_since is None else [self._stepping_since])]
+        return min(waiting, default=None)
 
     async def run(self) -> None:
         """Step until cancelled."""
@@ -68,12 +77,14 @@ class Scheduler(Generic[Slot]):
                 await self._wake.wait()
                 self._wake.clear()
                 while self._ready:
-                    batch, self._ready = list(self._ready), {}
+                    batch, self._stepping_since = list(self._ready), min(self._ready.values())
+                    self._ready = {}
                     self.reading.clear()
                     try:
                         await self._step(batch)
                     finally:
                         self.reading.set()
+                        self._stepping_since = None
                     for _ in range(_LOOP_TURNS if self._ready else 0):
                         await asyncio.sleep(0)
         finally:
@@ -85,11 +96,10 @@ class Scheduler(Generic[Slot]):
             return slot.session.job()
         except ProtocolError as error:
             self._refuse(slot, error)
-            return None
         except Exception:  # any failure; other sessions continue
-            slot.session.abandon()
-            self._deliver(slot, None)
-            return None
+            traceback.print_exc()
+            self._finish(slot, None)
+        return None
 
     async def _step(self, batch: Sequence[Slot]) -> None:
         jobs = [(slot, job) for slot in batch if (job := self._job(slot)) is not None]
@@ -100,12 +110,23 @@ class Scheduler(Generic[Slot]):
         found = await loop.run_in_executor(self._thread, complete, [job for _, job in jobs])
         self._on_stepped(perf_counter() - begun)
         for (slot, job), result in zip(jobs, found, strict=True):
-            if result is None:
-                slot.session.abandon()
-                self._deliver(slot, None)
-            else:
-                self._deliver(slot, slot.session.answer(job, *result))
+            self._finish(slot, None if result is None else (job, *result))
             self.ready(slot)  # a newer frame may have arrived meanwhile
+
+    def _finish(self, slot: Slot, done: tuple[CompletionJob, Estimate, PipelineState] | None) -> None:
+        """Deliver a session's answer; reset it if its step failed. A failure does not affect other sessions."""
+        try:
+            answer = None if done is None else slot.session.answer(*done)
+        except Exception:
+            traceback.print_exc()
+            done = answer = None
+        try:
+            if done is None:
+                slot.session.abandon()
+            self._deliver(slot, answer)
+        except Exception:
+            traceback.print_exc()
+            self._refuse(slot, ProtocolError("the server failed to answer this session; connect again", 1011))
 
 
 def complete(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState] | None]:
@@ -113,4 +134,6 @@ def complete(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineStat
     try:
         return list(step_many([(job.pipeline, job.observation, job.state) for job in jobs]))
     except Exception:  # any failure of one job; other jobs are stepped again, each alone
+        if len(jobs) == 1:
+            traceback.print_exc()
         return [None] if len(jobs) == 1 else [found for job in jobs for found in complete([job])]

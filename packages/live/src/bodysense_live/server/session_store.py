@@ -11,9 +11,10 @@ from __future__ import annotations
 import hmac
 import json
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from bodysense.body.person import Person
 from bodysense.errors import BodysenseError, missing_package
@@ -21,7 +22,7 @@ from bodysense_live.protocols.webxr import Placement
 from bodysense_live.server.message_text import changed
 from bodysense_live.server.messages import Resume, Settings
 
-_SESSION_ID = re.compile(r"[0-9a-f]{16}")
+SESSION_ID = re.compile(r"[0-9a-f]{16}")
 _TIMEOUT = 0.5  # s for an answer
 # KEYS: the session's. ARGV: generation, state, ms to keep. Returns 1, or 0 if another process stored a later one.
 _PUT = """
@@ -50,6 +51,25 @@ class StoredSession:
         return json.dumps(plain, default=asdict)
 
 
+class SessionKeeper(Protocol):
+    """A place where processes keep the sessions that others may resume."""
+
+    async def put(self, states: Mapping[str, tuple[int, str]]) -> list[str] | None:
+        """Store generations and states of sessions by id.
+
+        Return the ids of sessions that another process has resumed, or None if the store does not answer.
+        """
+        ...
+
+    async def take(self, resume: Resume) -> tuple[int, StoredSession] | None:
+        """Return a client's session and its next generation, or None."""
+        ...
+
+    async def close(self) -> None:
+        """Close the connection to the store."""
+        ...
+
+
 class SessionStore:
     """Sessions at a redis:// address, each kept for `seconds` after it was last stored."""
 
@@ -76,10 +96,10 @@ class SessionStore:
 
         Return None for an unknown or expired session, for a wrong token, or if the store does not answer.
         """
-        if not _SESSION_ID.fullmatch(resume.session):
+        if not SESSION_ID.fullmatch(resume.session):
             return None
         try:
-            kept = _read(await self._redis.hget(_key(resume.session), "state"))
+            kept = read_session(await self._redis.hget(_key(resume.session), "state"))
             if kept is None or not hmac.compare_digest(kept.token.encode(), resume.token.encode()):
                 return None
             return int(await self._redis.hincrby(_key(resume.session), "turn", 1)), kept
@@ -92,7 +112,10 @@ class SessionStore:
 
 
 def check_store(address: str) -> str:
-    """Return an address if a Valkey or Redis answers there; otherwise raise BodysenseError, without its password."""
+    """Return the address of a Valkey or Redis. Print a warning if it is away: sessions are stored once it answers.
+
+    Raises BodysenseError, without the password, for an address or a password that is wrong.
+    """
     redacted = re.sub("//.*@", "//", address)
     if not address.startswith(("redis://", "rediss://", "unix://")):
         raise BodysenseError(
@@ -102,9 +125,12 @@ def check_store(address: str) -> str:
         with _client("client", address) as client:
             client.ping()
     except (*_failures(), ValueError) as error:
-        raise BodysenseError(
-            f"--shared {redacted}: no Valkey or Redis answers there ({error}); start one, or leave --shared out"
-        ) from None
+        if not _is_away(error):
+            raise BodysenseError(
+                f"--shared {redacted}: refused ({error}); give the address and the password of a Valkey or Redis"
+            ) from None
+        text = f"no Valkey or Redis answers there yet ({error}); sessions are shared once one does"
+        print(f"bodysense: --shared {redacted}: {text}", file=sys.stderr)
     return address
 
 
@@ -126,11 +152,18 @@ def _failures() -> tuple[type[Exception], ...]:
     return RedisError, OSError
 
 
+def _is_away(error: Exception) -> bool:
+    """Return whether a server does not answer yet."""
+    from redis.exceptions import AuthenticationError, ConnectionError, TimeoutError
+
+    return isinstance(error, (ConnectionError, TimeoutError, OSError)) and not isinstance(error, AuthenticationError)
+
+
 def _key(session_id: str) -> str:
     return f"bodysense:session:{session_id}"
 
 
-def _read(state: bytes | None) -> StoredSession | None:
+def read_session(state: bytes | str | None) -> StoredSession | None:
     """Return a stored session; None for text that `StoredSession.to_json` did not write."""
     if state is None:
         return None

@@ -41,14 +41,15 @@ _LOOKED_AT = 60  # frames used to recognise a body
 _LONGEST = 10**7  # frames × nodes
 
 
-def read_gltf(path: Path, joints: Path | None = None) -> tuple[Clip, tuple[str, ...]]:
+def read_gltf(path: Path, joints: Path | None = None, animation: str | None = None) -> tuple[Clip, tuple[str, ...]]:
     """Return the motion of a file in canonical form, and remarks. Raises BodysenseError without a moving humanoid.
 
-    `joints` is a file that names the joints (`io.rigs.rig`); they are recognised if it is omitted.
+    `joints` is a file that names the joints (`io.rigs.rig`); they are recognised if it is omitted. `animation` is the
+    name of the animation; the one with the most tracks if omitted.
     """
     file = open_gltf(path)
     names, is_vrm = _names(file)
-    tracks = _tracks(file)
+    tracks = _tracks(file, animation)
     if is_vrm and joints is not None:
         raise BodysenseError(f"{path}: a VRM file names its joints; leave --joints out")
     rig = _recognised(file, _figure(file, names, tracks), joints)
@@ -130,14 +131,14 @@ def _recognised(file: GltfFile, figure: Figure, joints: Path | None) -> Rig:
         raise
 
 
-def figure_of_gltf(path: Path) -> Figure:
+def figure_of_gltf(path: Path, animation: str | None = None) -> Figure:
     """Return the animated tree, its joints not yet recognised. Raises BodysenseError if nothing is animated."""
     file = open_gltf(path)
-    return _figure(file, _names(file)[0], _tracks(file))
+    return _figure(file, _names(file)[0], _tracks(file, animation))
 
 
-def _tracks(file: GltfFile) -> Mapping[tuple[int, str], Track]:
-    tracks = tracks_of(file)
+def _tracks(file: GltfFile, animation: str | None) -> Mapping[tuple[int, str], Track]:
+    tracks = tracks_of(file, animation)
     if not tracks:
         raise BodysenseError(f"{file.path}: nothing in it is animated; export it with its animation")
     return tracks

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,11 +24,10 @@ class Track:
     kind: str  # LINEAR, STEP, CUBICSPLINE
 
 
-def tracks_of(file: GltfFile) -> dict[tuple[int, str], Track]:
-    """Return the tracks of the animation with the most tracks, by node and property."""
+def tracks_of(file: GltfFile, name: str | None = None) -> dict[tuple[int, str], Track]:
+    """Return the tracks of an animation by node and property: of the named one, else of that with the most tracks."""
     best: dict[tuple[int, str], Track] = {}
-    animations = file.document.get("animations", [])
-    for animation in animations if isinstance(animations, list) else []:
+    for animation in _animations(file, name):
         tracks: dict[tuple[int, str], Track] = {}
         try:
             for channel in animation["channels"]:
@@ -46,6 +46,19 @@ def tracks_of(file: GltfFile) -> dict[tuple[int, str], Track]:
             raise BodysenseError(f"{file.path}: an animation in it is damaged; export it again") from None
         best = max(best, tracks, key=len)
     return best
+
+
+def _animations(file: GltfFile, name: str | None) -> list[Any]:
+    """Return the animations with a name, or all. Raises BodysenseError if there is none of the name."""
+    every = file.document.get("animations", [])
+    every = every if isinstance(every, list) else []
+    if name is None:
+        return every
+    names = [str(animation.get("name", "")) if isinstance(animation, dict) else "" for animation in every]
+    if name not in names:
+        listed = ", ".join(names) or "none"
+        raise BodysenseError(f"{file.path}: --animation {name}: no animation has this name; there are: {listed}")
+    return [every[names.index(name)]]
 
 
 def sampled(track: Track, time: np.ndarray, turns: bool) -> np.ndarray:

@@ -53,8 +53,8 @@ def on_hips(draw: Draw) -> PAIR:
 
 def behind_back(draw: Draw) -> PAIR:
     """Hands that hold each other behind the back."""
-    up, back = draw.between(0.05, 0.4), draw.between(-0.42, -0.34)
-    elbow = (1.0, 0.0, -draw.between(0.3, 0.6))
+    up, back = draw.between(0.05, 0.4), draw.between(-0.32, -0.26)
+    elbow = (1.0, 0.0, -draw.between(0.5, 0.9))
     return tuple(ArmPosture("pelvis", (draw.between(0.0, 0.12), up, back + d), elbow, (0.0, 0.2, -1.0), 0.003)
                  for d in (0.0, -0.04))  # type: ignore[return-value]  # fmt: skip
 
@@ -68,7 +68,7 @@ def behind_head(draw: Draw) -> PAIR:
 
 def crossed(draw: Draw) -> PAIR:
     """Arms crossed in front of the chest."""
-    up, ahead = draw.between(-0.52, -0.36), draw.between(0.4, 0.48)
+    up, ahead = draw.between(-0.52, -0.36), draw.between(0.36, 0.44)
     elbow = (0.9, -0.9, 0.1)
     return (
         ArmPosture("chest", (-0.2, up, ahead), elbow, (0.0, -0.3, -1.0), 0.003),

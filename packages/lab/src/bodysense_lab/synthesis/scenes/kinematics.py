@@ -12,7 +12,6 @@ from bodysense_lab.completion.data.postures.limbs import bend_limb, limb_of
 from bodysense_lab.synthesis.scenes.moves import ease, waves
 from bodysense_lab.synthesis.scenes.script import SIDES, SIGN, ArmPosture, Frame, Script
 
-_STRAIGHT = np.radians(6.0)  # radians; the straightest knee, which no leg exceeds
 _CALM = 0.16  # s, time in which the hips go down ahead of the end of a leg's reach
 _KNEE = 0.055  # m, height of a knee on the floor, of the mean adult
 _REACH = 0.985  # of an arm's length; longest distance from the shoulder to the wrist
@@ -127,7 +126,7 @@ def _turn_trunk(rotation: np.ndarray, values: dict[str, np.ndarray]) -> None:
     head_pitch = chest_pitch + 55.0 * np.tanh(away / 55.0)
     head_roll = 0.3 * chest_roll + values["gaze_roll"]
     for name, share in (("neck", 0.45), ("head", 1.0)):
-        forward = 8.0 if name == "neck" else 0.0
+        forward = 4.0 if name == "neck" else 0.0
         rotation[:, _INDEX[name]] = euler(
             chest_yaw + share * (head_yaw - chest_yaw),
             chest_pitch + share * (head_pitch - chest_pitch) + forward,
@@ -163,7 +162,7 @@ def _hip_height(
     rate: float,
 ) -> np.ndarray:
     """Return the height (T,) m of the middle of the hips: as written, but no higher than both legs reach."""
-    bones = frame.thigh**2 + frame.shin**2 + 2 * frame.thigh * frame.shin * np.cos(_STRAIGHT)
+    bones = frame.thigh**2 + frame.shin**2 + 2 * frame.thigh * frame.shin * np.cos(np.radians(values["straight"]))
     limits = []
     for k in (0, 1):
         hip = middle + from_middle[:, k]
@@ -332,16 +331,16 @@ def _within_reach(shoulder: np.ndarray, target: np.ndarray, arm: float) -> np.nd
 def _hand(forearm: np.ndarray, palm: np.ndarray, sign: float) -> np.ndarray:
     """Return rotations (T, 3, 3) of a hand relative to its forearm whose palm faces a direction (T, 3) if it can.
 
-    The forearm turns the hand by at most about 95°, and the wrist bends by at most about 50°.
+    The forearm turns the hand by at most about 95°, and the wrist bends by at most about 65°.
     """
     facing = np.einsum("tji,tj->ti", forearm, palm)
     facing = facing / np.maximum(np.linalg.norm(facing, axis=-1, keepdims=True), 1e-6)
     across = np.hypot(facing[:, 1], facing[:, 2])
     turn = 2 * np.arctan2(-facing[:, 2], across - facing[:, 1] + 0.12)
     turn = np.degrees(1.75 * np.tanh(turn / 1.75))
-    bend = np.degrees(0.9 * np.tanh(facing[:, 0] * sign / 0.9)) * sign
+    bend = np.degrees(1.5 * np.tanh(facing[:, 0] * sign / 1.1)) * sign
     zero = np.zeros(len(turn))
-    return euler(zero, turn, zero) @ euler(zero, zero, 0.8 * bend)
+    return euler(zero, turn, zero) @ euler(zero, zero, bend)
 
 
 def _mass_centre(motion: Motion, offset: np.ndarray) -> np.ndarray:

@@ -16,7 +16,7 @@ def squat(script: Script) -> None:
     draw = script.draw
     begin = script.clock
     deep = draw.chance(0.4)
-    depth = draw.between(0.42, 0.55) if deep else draw.between(0.58, 0.85)  # of the standing height of the hips
+    depth = draw.between(0.42, 0.55) if deep else draw.between(0.64, 0.85)  # of the standing height of the hips
     down, up, hold = script.duration(0.8, 1.6), script.duration(0.8, 1.6), script.duration(0.4, 2.5)
     held = begin + down
     standing = script.moves.value["height"]
@@ -25,7 +25,7 @@ def squat(script: Script) -> None:
                        bend=0.6 * lean)  # fmt: skip
     spread = draw.between(4, 22)
     for side in (0, 1):
-        heel = draw.between(22, 38) if deep else 0.0
+        heel = draw.between(28, 42) if deep else 0.0
         script.moves.pulse(begin + 0.2 * down, held, held + hold, held + hold + 0.8 * up,
                            **script.of(side, heel=heel, knee_out=spread))  # fmt: skip
     change_arms(script, (arm_postures.with_controllers, arm_postures.talking, arm_postures.raised), 0.7)
@@ -187,7 +187,7 @@ def _stand_up(script: Script, knees: tuple[int, ...], begin: float) -> None:
     front = script.ankle(other)
     middle = script.offset(front, SIGN[side] * script.apart, -0.02)
     moves.to(now, now + up, x=middle[0], z=middle[1], height=frame.leg + frame.ankle + 0.02)
-    moves.to(now + 0.2 * up, now + up, balance=1.0, sway=1.0, tilt=draw.between(-2, 5))
+    moves.to(now + 0.2 * up, now + up, balance=1.0, sway=1.0, **script.upright)
     moves.bump(now, now + up, bend=draw.between(10, 25))
     moves.pulse(now - 0.2, now + 0.2, now + up, now + 1.5 * up, softness=0.012)
     place = script.offset(front, SIGN[side] * 2 * script.apart, 0.0)

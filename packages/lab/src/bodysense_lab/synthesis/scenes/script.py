@@ -90,6 +90,7 @@ class Script:
     draw: Draw
     frame: Frame
     moves: Moves
+    upright: dict[str, float]  # degrees, of pelvis and trunk of the standing person
     clock: float = 0.0
     pace: float = 1.0  # speed of the person
     apart: float = 0.09  # m, from the middle to an ankle of a standing person
@@ -103,6 +104,7 @@ class Script:
     def begin(cls, frame: Frame, draw: Draw) -> Script:
         """Return the script of a standing person with a random place and heading."""
         apart, outward = draw.between(0.06, 0.125) * frame.scale, draw.between(2.0, 14.0)
+        upright = {"tilt": draw.between(-7, 2), "bend": draw.between(-3, 6)}
         values = dict.fromkeys(_BODY, 0.0) | {f"{side}_{name}": 0.0 for side in SIDES for name in _SIDED}
         yaw, x, z = draw.between(-180, 180), draw.between(-1.5, 1.5), draw.between(-1.5, 1.5)
         values |= {
@@ -114,8 +116,8 @@ class Script:
             "sway": 1.0,
             "lead": draw.between(0.02, 0.06) * frame.scale,
         }
-        values |= {"height": frame.leg + frame.ankle + 0.02, "tilt": draw.between(-2, 5), "bend": draw.between(0, 8)}
-        script = cls(draw, frame, Moves(values), pace=draw.between(0.75, 1.35), apart=apart, outward=outward)
+        values |= {"height": frame.leg + frame.ankle + 0.02, "straight": draw.between(5.5, 9), **upright}
+        script = cls(draw, frame, Moves(values), upright, pace=draw.between(0.75, 1.35), apart=apart, outward=outward)
         for side in (0, 1):
             place = script.place(SIGN[side] * apart, draw.between(-0.025, 0.025))
             start = dict(zip(("ankle_x", "ankle_z"), place, strict=True))

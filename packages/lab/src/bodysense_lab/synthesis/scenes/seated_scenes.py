@@ -87,7 +87,7 @@ def at_a_table(script: Script) -> None:
     for side in (0, 1):
         left = 0.02 if folded else draw.between(0.08, 0.22)
         x, z = script.place(SIGN[side] * left, ahead + 0.03 * side * folded)
-        posture = ArmPosture("world", (x, top + 0.035, z), (0.9, -0.7, -0.4), (-0.2, -1.0, 0.0), 0.0)
+        posture = ArmPosture("world", (x, top + 0.035, z), (0.6, -0.85, -0.3), (-0.2, -1.0, 0.0), 0.0)
         script.arm(side, posture, begin, begin + takes)
         script.arm(side, arm_postures.on_thighs(draw)[side], begin + takes + hold, begin + 2 * takes + hold)
     script.moves.pulse(begin, begin + takes, begin + takes + hold, begin + 2 * takes + hold,
@@ -168,7 +168,7 @@ def _stand_up(script: Script) -> None:
     moves.bump(begin - 0.3, end, bend=draw.between(16, 28), tilt=draw.between(20, 32))
     moves.to(begin + 0.1 * takes, end, x=middle[0], z=middle[1], height=frame.leg + frame.ankle + 0.02)
     moves.to(begin + 0.1 * takes, begin + 0.6 * takes, balance=1.0)
-    moves.to(begin + 0.3 * takes, end, sway=1.0, tilt=draw.between(-2, 5), bend=draw.between(0, 8))
+    moves.to(begin + 0.3 * takes, end, sway=1.0, **script.upright)
     change_arms(script, share=0.6)
     script.clock = end
     script.wait(0.6, 1.4)

@@ -144,7 +144,8 @@ def _steps(script: Script, left: float, ahead: float, count: int) -> None:
     draw = script.draw
     first = int(left < 0) if abs(left) > abs(ahead) else draw.side()
     seconds, gap = script.duration(0.32, 0.5), draw.between(0.06, 0.35)
-    lift, shift, heel = draw.between(0.03, 0.08), draw.between(0.5, 0.75), draw.between(10, 28)
+    lift, shift = draw.between(0.03, 0.08), draw.between(0.5, 0.75)
+    heel = draw.between(10, 28) if ahead >= 0 else draw.between(2, 8)  # a foot that goes back leaves the floor flat
     where = script.middle()
     closes = abs(left) > abs(ahead)  # feet that go sideways do not pass each other
 
@@ -200,7 +201,7 @@ def foot_forward(script: Script) -> None:
     """Set a foot forward by 0.25 to 0.6 m, hold the stance and box or reach, and step back."""
     draw = script.draw
     begin, side = script.clock, draw.side()
-    ahead = draw.between(0.25, 0.6) * script.frame.scale
+    ahead = draw.between(0.25, 0.56) * script.frame.scale
     home = script.ankle(side)
     place = script.offset(home, SIGN[side] * draw.between(-0.03, 0.08), ahead)
     seconds = script.duration(0.38, 0.55)
@@ -214,6 +215,7 @@ def foot_forward(script: Script) -> None:
     back = -turned * 0.5
     lowers = draw.between(0.0, 0.05) * script.frame.scale
     raises = draw.between(0, 18) if draw.chance(0.6) else 0.0
+    raises += 60 * max(0.0, ahead / script.frame.scale - 0.36)  # the ankle of the rear foot bends only so far
     held = script.clock + 0.4
     script.moves.add(landed, held, **script.of(rear, heel=raises))
     standing = script.moves.value["height"]
@@ -223,16 +225,20 @@ def foot_forward(script: Script) -> None:
     script.moves.to(script.clock - 0.1, script.clock + 0.5, height=standing)
     script.moves.add(script.clock - 0.2, script.clock + 0.3, **script.of(rear, heel=-raises))
     script.moves.add(script.clock, script.clock + 0.8, twist=back)
-    script.step(side, home, foot_yaw(script, side), script.clock + 0.35, seconds, lift=0.05, shift=0.6, lead=0.3)
+    script.step(
+        side, home, foot_yaw(script, side), script.clock + 0.35, seconds, lift=0.05, heel=5.0, shift=0.6, lead=0.3
+    )
     change_arms(script, share=1.0)
     script.wait(0.5, 1.2)
 
 
 def bow(script: Script) -> None:
-    """Bow with straight legs by 35 to 95°."""
+    """Bow with straight legs by 30 to 115°."""
     draw = script.draw
     begin = script.clock
-    tilt, bend = draw.between(15, 52), draw.between(18, 45)
+    tilt, bend = draw.between(12, 45), draw.between(18, 45)
+    if draw.chance(0.5):  # deep
+        tilt, bend = draw.between(45, 65), draw.between(30, 50)
     down, up = script.duration(0.8, 1.8), script.duration(0.8, 1.8)
     hold = script.duration(0.3, 2.0)
     held = begin + down
@@ -279,7 +285,7 @@ def crossed_ankles(script: Script) -> None:
     place = script.offset(script.ankle(1 - side), -SIGN[side] * beyond, ahead * script.frame.scale)
     seconds = script.duration(0.4, 0.6)
     script.step(side, place, script.yaw - SIGN[side] * draw.between(0, 15), begin + 0.4, seconds, lift=0.07, shift=0.8,
-                lead=0.4, advance=0.35)  # fmt: skip
+                lead=0.4, advance=0.65)  # fmt: skip
     raised = draw.between(0, 28)
     script.moves.add(script.clock - 0.1, script.clock + 0.4, **script.of(side, heel=raised))
     change_arms(script, share=0.5)
@@ -287,7 +293,7 @@ def crossed_ankles(script: Script) -> None:
     script.phase("standing", begin, script.clock)
     script.moves.add(script.clock - 0.1, script.clock + 0.3, **script.of(side, heel=-raised))
     script.step(side, home, foot_yaw(script, side), script.clock + 0.35, seconds, lift=0.07, shift=0.7, lead=0.35,
-                advance=0.35)  # fmt: skip
+                advance=0.65)  # fmt: skip
     script.moves.to(script.clock - 0.2, script.clock + 0.5, **dict(zip(("x", "z"), script.middle(), strict=True)))
     script.wait(0.6, 1.2)
 
@@ -384,7 +390,8 @@ def walk(script: Script) -> None:
     strike = 6 + 12 * speed / 1.5
     apart = script.apart * draw.between(0.55, 0.9)
     lowered = -(0.012 + 0.018 * speed / 1.5) * script.frame.leg
-    script.moves.add(begin, begin + 0.35 + period, height=lowered, lead=-0.04 * speed)
+    leans = draw.between(0, 5)
+    script.moves.add(begin, begin + 0.35 + period, height=lowered, lead=-0.04 * speed, bend=leans)
     for k in range(count + 1):
         start = begin + 0.35 + k * period
         last = k == count
@@ -406,7 +413,7 @@ def walk(script: Script) -> None:
             script.moves.to(start, start + air + 0.15 * period,
                             **script.of(arm, arm_swing=waves * swing * (1 if arm != side else -0.7)))  # fmt: skip
         side = 1 - side
-    script.moves.add(script.clock - 0.5 * period, script.clock + 0.4, height=-lowered, lead=0.04 * speed)
+    script.moves.add(script.clock - 0.5 * period, script.clock + 0.4, height=-lowered, lead=0.04 * speed, bend=-leans)
     script.moves.to(script.clock - 0.3, script.clock + 0.5, **dict(zip(("x", "z"), script.middle(), strict=True)))
     script.wait(0.7, 1.5)
     script.phase("standing", script.clock - 0.6, script.clock)

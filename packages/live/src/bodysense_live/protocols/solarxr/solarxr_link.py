@@ -108,7 +108,7 @@ class SolarxrLink:
 
     async def open(self, live: Live) -> None:
         """Start to serve."""
-        slot, loop = live.add_input("solarxr", self._points), asyncio.get_running_loop()
+        slot = live.add_input("solarxr", self._points)
         self._receive_frame: Callable[[SignalFrame], None] = partial(live.receive, slot)
         from websockets.asyncio.server import serve
 
@@ -126,7 +126,7 @@ class SolarxrLink:
                 logger=_QUIET_LOGGER,
             )
         )
-        self._heartbeat_task = loop.create_task(self._send_heartbeats())
+        self._heartbeat_task = live.supervisor.start(self._send_heartbeats())
 
     def send_body(self, answer: Answer) -> None:
         """Send a body to the clients that have requested updates."""

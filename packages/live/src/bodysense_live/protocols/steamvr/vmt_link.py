@@ -59,7 +59,7 @@ class VmtLink:
         self._input = await self._port.add_input(
             live, "vmt", self._points, partial(device_input, sender=self._driver[0])
         )
-        self._request_task = asyncio.get_running_loop().create_task(self._request_devices())
+        self._request_task = live.supervisor.start(self._request_devices())
 
     def send_body(self, answer: Answer) -> None:
         """Send the virtual trackers of a body, and its hands if they are chosen."""

@@ -58,7 +58,7 @@ def measure_scene(
         if low.any():
             scores.add("lost_low_hand_cm", float(error[:, wrists][low].mean()), int(low.sum()))
     low_points = skeleton.indices([f"{side}_{name}" for name in _FLOOR_POINTS for side in SIDES])
-    scores.add_share("under_floor_share", np.any(position[:, low_points, 1] < -UNDER, axis=1))
+    scores.add_share("under_floor_share", np.asarray(position[:, low_points, 1].min(axis=1) < -UNDER))
     return scores
 
 
@@ -85,7 +85,7 @@ def _measure_feet(
     scores.add("false_steps_per_minute", sight.false_steps(balls, true_balls, RATE) / minutes, minutes)
     calm = calm_frames(position[:, skeleton.index("head")])
     glides = gliding_feet(balls, rest) & ~gliding_feet(true_balls, rest)
-    scores.add_share("gliding_share", glides[calm].any(axis=1))
+    scores.add_share("gliding_share", glides[calm].max(axis=1))
     seated = scripted.in_phase("seated")
     crossed = crossed_legs(ankles, position, skeleton) & ~crossed_legs(true_ankles, truth, skeleton)
     scores.add_share("crossed_share", crossed[~seated])

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 
 from bodysense_lab.completion.score.scores import RunningScores
-from bodysense_lab.completion.scripted.scene_scoring import SETS, SceneJob
+from bodysense_lab.completion.score.scripted.scene_scoring import SETS, SceneJob
 from bodysense_lab.core.table import Cell, Report, finite
 
 # Measures by set: key, title, and factor to the unit of the title.

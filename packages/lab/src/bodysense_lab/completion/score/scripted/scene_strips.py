@@ -13,8 +13,8 @@ from bodysense.files import written_beside
 from bodysense.observing.observation import observed_points
 from bodysense.pictures.camera import Lens
 from bodysense.pictures.comparison import View, draw_views
+from bodysense_lab.completion.score.scripted.scene_scoring import SETS, SceneJob, observe_scene
 from bodysense_lab.completion.score.tracking import PeopleTracker
-from bodysense_lab.completion.scripted.scene_scoring import SETS, SceneJob, observe_scene
 from bodysense_lab.core.scoring import RATE
 
 _LENS = Lens(width=110, height=160, view_height=2.2)

@@ -14,10 +14,10 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, WRISTS
 from bodysense.observing.observation import Observation
 from bodysense_lab.completion.score.scenes import TrackedScene
 from bodysense_lab.completion.score.scores import RunningScores
+from bodysense_lab.completion.score.scripted.scene_measures import calm_frames, gliding_feet, measure_scene
 from bodysense_lab.completion.score.sight.sight import FLOATING
 from bodysense_lab.completion.score.sight.wearers import HEIGHT, PALMS, head_paths, known_body, rest_heights, with_hands
 from bodysense_lab.completion.score.tracking import PeopleTracker, TrackedMotion
-from bodysense_lab.completion.scripted.scene_measures import calm_frames, gliding_feet, measure_scene
 from bodysense_lab.core.scoring import RATE
 from bodysense_lab.synthesis.scenes import KINDS, ScriptedScene, sequence
 
@@ -136,9 +136,9 @@ def score_headsets(folder: Path, track: PeopleTracker) -> Iterator[tuple[str, Ru
         )
         for path, one in zip(paths, tracked, strict=True):
             feet, rest = one.position[:, balls], float(heights[balls[0]])
-            scores.add_share("gliding_share", gliding_feet(feet, rest)[calm_frames(path.position)].any(axis=1))
+            scores.add_share("gliding_share", gliding_feet(feet, rest)[calm_frames(path.position)].max(axis=1))
             stands = path.position[:, 1] > STANDS * heights[head]
-            scores.add_share("float_share", np.asarray(feet[..., 1].min(axis=-1) > rest + FLOATING)[stands])
+            scores.add_share("float_share", np.asarray(feet[stands][..., 1].min(axis=-1) > rest + FLOATING))
         yield palms, scores
 
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bodysense.errors import BodysenseError
+from bodysense_live.processes.kept_sessions import KeptSessions, ParentStore
 from bodysense_live.server.launch import serve
 from bodysense_live.server.settings import ServerSettings
 
@@ -31,27 +32,39 @@ _POLL_INTERVAL = 0.1  # s between checks of workers that load
 _RESTART_DELAY = 2.0  # s before a worker is replaced, so that its clients resume before another one loads
 _FAILURE_WINDOW, _MAX_FAILURES = 30.0, 8  # s, per worker: after more failures the server stops
 _REPORT_INTERVAL = 0.1  # s between a worker's reports of ended connections
+_BEAT_INTERVAL = 0.5  # s between the beats of a worker that answers its frames
+_DOUBTED_AFTER = 0.8  # s of silence, after which a worker gets no connection if another one can
+_SILENT_AFTER = 1.4  # s of silence, after which a worker that serves is replaced
+_LONGEST_START = 120.0  # s for a worker to load
+_LONGEST_TURN = 0.2  # s of silence that one turn of the parent's loop counts: a stopped machine has no silent workers
+_BEAT, _ENDED = b"b", b"-"  # messages of a worker: it answers its frames; one of its connections has ended
 
 
 @dataclass(eq=False)
 class _Worker:
-    """A worker process, the parent's end of its channel, and its number of connections."""
+    """A worker process, the parent's end of its channel, its number of connections, and for how long it is silent."""
 
     process: Any
     channel: socket.socket
     ready: Any  # a semaphore that the worker releases once it serves
     serves: bool = False
     count: int = 0
+    silence: float = 0.0  # s, of the parent's running time
 
 
 class Workers:
-    """The workers of one server: `count` that serve, and a loaded spare that replaces one that ends."""
+    """The workers of one server: `count` that serve, and a loaded spare that replaces one that ends or is silent.
+
+    The parent keeps their sessions, so that wearers resume in another worker.
+    """
 
     def __init__(self, settings: ServerSettings, count: int, folder: str) -> None:
         self._settings, self._count, self._folder = settings, count, folder
         self._context = multiprocessing.get_context("spawn")
         self._ended: list[float] = []  # s, times at which workers ended
         self._due: list[float] = []  # s, times at which replacements start
+        self._kept = KeptSessions(settings.limits.seconds_to_resume)
+        self._turn_at = time.monotonic()  # s, last turn of the loop
         self.all = [self._start_worker() for _ in range(count + 1)]
 
     @property
@@ -68,21 +81,30 @@ class Workers:
             time.sleep(0.02)
 
     def poll(self) -> None:
-        """Check which workers are ready, and start replacements that are due."""
+        """Check which workers are ready or silent, and start replacements that are due."""
         if self._due and self._due[0] <= time.monotonic():
             self._due.pop(0)
             # Starting a process takes too long for the loop that distributes connections, so use a thread.
             threading.Thread(target=lambda: self.all.append(self._start_worker()), daemon=True).start()
         for worker in list(self.all):
             if not worker.serves and worker.ready.acquire(block=False):
-                worker.serves = True
+                worker.serves, worker.silence = True, 0.0
+        now = time.monotonic()
+        turn, self._turn_at = min(now - self._turn_at, _LONGEST_TURN), now
+        for worker in list(self.all):
+            worker.silence += turn
+            if worker.silence > (_SILENT_AFTER if worker.serves else _LONGEST_START):
+                text = f"worker {worker.process.pid} has not answered for {worker.silence:.1f} s, and is replaced"
+                print("bodysense:", text, file=sys.stderr, flush=True)
+                worker.process.kill()
+                self.replace(worker)
 
     def replace(self, worker: _Worker) -> None:
         """Replace a worker that ended. Raises BodysenseError if workers end repeatedly."""
         now = time.monotonic()
         self._ended = [*(moment for moment in self._ended if now - moment < _FAILURE_WINDOW), now]
         worker.channel.close()
-        worker.process.join()
+        worker.process.join(_TAKE_TIMEOUT)
         if worker.process.pid is not None:
             _forget_metrics(worker.process.pid, self._folder)
         self.all.remove(worker)
@@ -102,12 +124,14 @@ class Workers:
     def _start_worker(self) -> _Worker:
         here, there = socket.socketpair()
         here.settimeout(_TAKE_TIMEOUT)
+        keeping, kept = socket.socketpair()
         ready = self._context.Semaphore(0)
-        with there:
+        with there, kept:
             process: Any = self._context.Process(
-                target=_run_worker, args=(self._settings, there, self._folder, ready), daemon=True
+                target=_run_worker, args=(self._settings, there, kept, self._folder, ready), daemon=True
             )
             process.start()
+        self._kept.serve(keeping)
         return _Worker(process, here, ready)
 
 
@@ -153,22 +177,23 @@ def _serve_once(bound: socket.socket, pool: Workers) -> None:
             selector.register(worker.channel, selectors.EVENT_READ, worker)
         for key, _ in selector.select(_POLL_INTERVAL):
             if key.data is None:
-                fewest = min(serving, key=lambda worker: worker.count)
+                fewest = min(serving, key=lambda worker: (worker.silence > _DOUBTED_AFTER, worker.count))
                 fewest.count += _hand_over(bound, fewest.channel)
                 continue
-            ended = _ended_connections(key.data.channel)
-            key.data.count -= ended
-            if not ended:
+            messages = _messages(key.data.channel)
+            key.data.count -= messages.count(_ENDED)
+            key.data.silence = 0.0
+            if not messages:
                 pool.replace(key.data)
                 return  # the serving workers have changed
 
 
-def _ended_connections(channel: socket.socket) -> int:
-    """Return how many connections of a worker ended, one byte each; 0 if the worker itself did."""
+def _messages(channel: socket.socket) -> bytes:
+    """Return the messages of a worker, one byte each; none if the worker has ended."""
     try:
-        return len(channel.recv(4096))
+        return channel.recv(4096)
     except OSError:
-        return 0
+        return b""
 
 
 def _forget_metrics(process: int, folder: str) -> None:
@@ -196,7 +221,7 @@ def _hand_over(bound: socket.socket, channel: socket.socket) -> bool:
     return True
 
 
-def _run_worker(settings: ServerSettings, channel: socket.socket, folder: str, ready: Any) -> None:
+def _run_worker(settings: ServerSettings, channel: socket.socket, kept: socket.socket, folder: str, ready: Any) -> None:
     """Run one worker process."""
     os.environ["PROMETHEUS_MULTIPROC_DIR"] = folder  # read by prometheus_client when it is imported
     tasks: set[asyncio.Task[None]] = set()
@@ -206,7 +231,7 @@ def _run_worker(settings: ServerSettings, channel: socket.socket, folder: str, r
         ready.release()
 
     try:
-        serve(settings, [], started)
+        serve(settings, [], started, [ParentStore(kept)])
     except BodysenseError as error:
         print("bodysense:", error, file=sys.stderr)
         sys.exit(2)
@@ -247,12 +272,21 @@ async def _take_connections(server: Any, channel: socket.socket) -> None:
 
     loop.add_reader(channel, take)
     parent = multiprocessing.parent_process()
+    beaten = -_BEAT_INTERVAL  # s
     while not server.should_exit:
+        if loop.time() - beaten >= _BEAT_INTERVAL and not server.supervisor.is_stuck and _report(channel, _BEAT):
+            beaten = loop.time()
         await asyncio.sleep(_REPORT_INTERVAL)
         if parent is not None and not parent.is_alive():  # uvloop does not call `take` for a channel that was reset
             server.should_exit = True
         ended = taken - len(opening) - len(server.server_state.connections) - reported
-        if ended > 0:
-            with contextlib.suppress(OSError):  # the parent ended
-                channel.send(b"-" * ended)
+        if ended > 0 and _report(channel, _ENDED * ended):
             reported += ended
+
+
+def _report(channel: socket.socket, messages: bytes) -> bool:
+    """Send messages to the parent. Return False if it has ended, or does not read them."""
+    try:
+        return channel.send(messages, socket.MSG_DONTWAIT) == len(messages)
+    except OSError:
+        return False
