@@ -71,9 +71,8 @@ for k in range(len(seen)):
         renderer.update_scene(robot.data, camera)
         pictures.append(renderer.render())
 
-speed = np.abs(np.diff(joints, axis=0)) * 30
-print(
-    f"{len(joints)} frames; 99 % of motors are slower than {np.quantile(speed, 0.99):.1f} rad/s, all than {speed.max():.1f}"
-)
+speed = np.abs(np.diff(joints, axis=0)) * 30  # rad/s
+print(f"{len(joints)} frames; 99 % of motors are slower than {np.quantile(speed, 0.99):.1f} rad/s, ", end="")
+print(f"all than {speed.max():.1f}")
 Image.fromarray(np.concatenate(pictures, axis=1)).save("g1.png")
 print("wrote g1.png")

@@ -65,7 +65,12 @@ def completion(run: Flat[CompletionTraining]) -> None:
     if not fabric.is_global_zero:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
-    card |= {"backward": run.backward, "seed": run.schedule.seed, "steps": run.schedule.steps}
+    card |= {
+        "reads_unplaced_head": True,
+        "backward": run.backward,
+        "seed": run.schedule.seed,
+        "steps": run.schedule.steps,
+    }
     body = round_network(body.eval(), run.data, run.limit, run.backward)
     publish(body, fingers.eval(), run.data, run.out, card, run.limit, run.backward)
     print(f"wrote {run.out}")
