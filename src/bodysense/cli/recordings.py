@@ -80,13 +80,8 @@ def person_of(file: Path | None, height: float | None) -> Person | None:
     return None if file is None else Person.load(file)
 
 
-def open_recorded(
-    file: Path, reading: ReadingOptions, markers: MarkerOptions = NO_OPTIONS, fingers: bool = False
-) -> Opened:
-    """Open a user's file, and print remarks on markers and gloves.
-
-    If `fingers` are to be synthesized, files with gloves are refused.
-    """
+def open_recorded(file: Path, reading: ReadingOptions, markers: MarkerOptions = NO_OPTIONS) -> Opened:
+    """Open a user's file, and print remarks on markers and gloves."""
     from bodysense.body.hands.hand import glove_hands
     from bodysense.io.markers.options import is_marker_file
     from bodysense.sources.open import MarkerSource, RecordingSource, open_source
@@ -98,15 +93,11 @@ def open_recorded(
         print_warnings(opened.warnings)
     if isinstance(opened, RecordingSource) and is_marker_file(file):
         points = ", ".join(opened.recording.observation.points)
-        axes = (
-            "left-handed (--left-handed)" if reading.left_handed else "right-handed, as OpenXR's (else --left-handed)"
-        )
+        mirrored = "left-handed (--left-handed)"
+        axes = mirrored if reading.left_handed else "right-handed, as OpenXR's (else --left-handed)"
         print(f"note: a headset's log, read as a recording (as a .jsonl is) of {points}; its axes are {axes}")
-    if isinstance(opened, (MarkerSource, RecordingSource)) and glove_hands(opened.recording.observation.points):
-        if fingers:
-            raise BodysenseError(f"{file}: its gloves have fingers; leave --fingers synthesize out")
-        if isinstance(opened, RecordingSource):
-            _check_gloves(opened.recording.observation, file)
+    if isinstance(opened, RecordingSource) and glove_hands(opened.recording.observation.points):
+        _check_gloves(opened.recording.observation, file)
     return opened
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 SIZES = (0.4, 2.3)  # m: height of a person
 FASTEST = 12.0  # m/s: of the pelvis; a sprinter's is 12.4
+_FAR = 20.0  # m from the origin
 FLOOR = 3.0  # m: feet farther from y = 0 are in another unit or world
 RATES = (5.0, 500.0)  # Hz: frames a second of a motion
 _FLAT = 0.01  # of the body's size: thinner bodies are flat
@@ -174,7 +175,7 @@ def path_in_metres(path: np.ndarray, rate: float, given: float | None, name: str
 
 
 def _is_too_fast(path: np.ndarray, rate: float, metres: float) -> bool:
+    """Whether a pelvis moves as no person does, far from the origin."""
     step = min(max(1, round(rate / 15)), len(path) - 1)  # over 1/15 s, so that noise does not count
     speed = metres * np.linalg.norm(path[step:] - path[:-step], axis=-1) * rate / step
-    height = metres * float(np.ptp(path, axis=0).min())  # a pelvis rises by less than this
-    return bool(np.percentile(speed, 90) > FASTEST or height > FLOOR)
+    return bool(np.percentile(speed, 90) > FASTEST and metres * np.abs(path).max() > _FAR)

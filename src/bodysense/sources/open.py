@@ -27,6 +27,7 @@ from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_fi
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.rigged import Rigged, read_rigged
 from bodysense.observing.observation import Observation, convert_world
+from bodysense.quality.plausible import floor_doubt
 
 if TYPE_CHECKING:
     from bodysense.io.formats.point_layouts import JointPlaces
@@ -310,7 +311,8 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
             f"note: {remark}" for remark in remarks
         )
     clip, placement = read_amass_source(MotionEntry(path, person="", split="test"), options)
-    return checked(clip), () if placement is None else (f"note: {placement.remark}",)
+    far = floor_doubt(0.0 if placement is None else placement.floor)
+    return checked(clip, [] if far is None else [far.text]), () if placement is None else (f"note: {placement.remark}",)
 
 
 def _still_limbs(rigged: Rigged) -> HeldStill:

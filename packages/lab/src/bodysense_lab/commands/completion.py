@@ -314,11 +314,11 @@ def scenes(
         raise BodysenseError(f"--kinds {unknown[0]}: no scene of this kind; give some of {', '.join(KINDS)}")
     track = PeopleTracker(model)
     _ = track.network  # refuse other files before any work
+    headsets = {} if headset is None else dict(score_headsets(headset, track))  # first: it refuses other folders
     chosen = kinds or tuple(KINDS)
     todo = scene_jobs(split, chosen, scenes)
     done = parallel_map(SceneWork(track, sets or tuple(SETS)), todo, jobs or os.cpu_count() or 1)
     scored = merge_scores(with_progress_bar(done, "scored", len(todo)))
-    headsets = {} if headset is None else dict(score_headsets(headset, track))
     console = wide_console()
     for report in scene_reports(scored, headsets, f"{split}, {scenes} of each kind"):
         print_report(report, console)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bodysense_lab.synthesis.scenes.moves import Draw
 from bodysense_lab.synthesis.scenes.script import ArmPosture
 
@@ -103,8 +105,8 @@ def guard(draw: Draw) -> PAIR:
 
 def raised(draw: Draw) -> PAIR:
     """One or both hands that reach up or ahead; the other hangs."""
-    ahead = draw.between(0.2, 0.8)
-    wrist = (draw.between(-0.05, 0.4), draw.between(0.1, 0.8), ahead)
+    high, far = np.radians(draw.between(-5, 82)), draw.between(0.7, 1.0)
+    wrist = (draw.between(0.0, 0.45), float(far * np.sin(high)), float(far * np.cos(high)))
     up = ArmPosture("chest", wrist, (0.8, -1.0, -0.3), (-0.3, -0.4, 1.0), 0.01)
     other = up if draw.chance(0.35) else hanging(draw)[0]
     return (up, other) if draw.chance(0.5) else (other, up)

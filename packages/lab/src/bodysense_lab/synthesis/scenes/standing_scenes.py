@@ -342,8 +342,27 @@ def arms_crossed(script: Script) -> None:
 
 
 def reach(script: Script) -> None:
-    """Reach up or ahead."""
-    _hold_arms(script, arm_postures.raised)
+    """Reach up or ahead, at times on tiptoe."""
+    if script.draw.chance(0.3):
+        _stand_on_tiptoe(script)
+    else:
+        _hold_arms(script, arm_postures.raised)
+
+
+def _stand_on_tiptoe(script: Script) -> None:
+    """Rise on the balls of the feet with raised hands, and come down."""
+    draw, begin = script.draw, script.clock
+    heel, takes, hold = draw.between(15, 34), script.duration(0.6, 1.1), script.duration(0.8, 2.0)
+    take_arms(script, arm_postures.raised(draw), begin, takes)
+    held, end = begin + takes + hold, begin + 2 * takes + hold
+    ahead = 0.1 * script.frame.scale  # the weight moves over the balls of the feet
+    script.moves.pulse(begin, begin + takes, held, end, lead=ahead, height=0.15)
+    for side in (0, 1):
+        script.moves.pulse(begin + 0.1, begin + takes, held, end, **script.of(side, heel=heel))
+    script.clock = end
+    change_arms(script, share=1.0)
+    script.wait(1.0, 2.0)
+    script.phase("standing", begin, script.clock)
 
 
 def walk(script: Script) -> None:
