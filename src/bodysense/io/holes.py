@@ -115,8 +115,8 @@ def flat_lined(file: JointFile, rig: SourceJoints) -> np.ndarray:
             if end - first + 1 < least or body[first:end].all():
                 continue
             own = below(joint, file.parents)
-            if not always and _moves_below(still[first:end, own], still[1:, own]):
-                continue  # keyed by hand: a lost limb is lost as a whole
+            if name.endswith("shoulder") and _moves_below(still[first:end, own], still[1:, own]):
+                continue  # keyed by hand: a lost arm is lost as a whole
             for other in own:
                 moves = not still[1:, other].all() or other == joint or (always and other in limb)
                 if moves and still[first:end, other].all():

@@ -254,8 +254,8 @@ _UNSUPPORTED = {
     ".vmd": "VMD, a motion of MikuMikuDance, is not read; import model and motion in Blender with MMD Tools, and "
     "export them as .glb or .bvh",
     ".json": "JSON of key points or of SMPL is not read: of a picture (OpenPose, AlphaPose …) give the video itself; "
-    "write places in space as .csv (NAME.x, NAME.y, NAME.z) or .npy, and parameters of SMPL with numpy.savez, as 'poses' and "
-    "'trans'",
+    "write places in space as .csv (NAME.x, NAME.y, NAME.z) or .npy, and parameters of SMPL with numpy.savez, as "
+    "'poses' and 'trans'",
     ".asf": "a skeleton without motion; convert it and its .amc to BVH (the library has its takes as BVH, too), or "
     "import both in Blender and export them as .bvh or .glb",
     ".amc": "AMC, a motion of an ASF skeleton, is not read; convert it to BVH (the library has its takes as BVH, too), "
