@@ -1,4 +1,4 @@
-"""Several people in one run of the network, which costs far less than one after the other; each as if alone."""
+"""Several people in one call, which reads the network's weights once for all; each is completed as if alone."""
 
 from dataclasses import replace
 

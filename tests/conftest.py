@@ -97,7 +97,7 @@ def motion_data() -> Path:
 
 @pytest.fixture(scope="session")
 def waving_clip() -> Clip:
-    """Three seconds at 30 Hz of a person who stands, looks around, sways and waves; hands enter and leave the view."""
+    """Three seconds at 30 Hz of a standing person, who looks around, sways and waves; hands enter and leave view."""
     skeleton = default_skeleton()
     standing, time = standing_pose(skeleton), np.arange(90) / 30
     rotation = np.tile(standing.rotation, (len(time), 1, 1))

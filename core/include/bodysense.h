@@ -59,7 +59,11 @@ typedef struct bs_model bs_model;
 /* Bytes of memory that a model needs, for a file of weights in memory; 0 if the file is damaged. */
 size_t bs_model_size(const void *file, size_t bytes);
 
-/* Open a model in `memory`. The file may be freed afterwards. */
+/* Open a model in `memory`. The file may be freed afterwards.
+ *
+ * A step reads all weights. It is faster in huge pages, above all if other work empties the caches between frames: on
+ * Linux, align `memory` to 2 MB and call madvise(memory, size, MADV_HUGEPAGE) before.
+ */
 bs_result bs_model_open(const void *file, size_t bytes, void *memory, size_t size, const bs_model **model);
 
 /* Name of the matrix kernel in use: "avx512vnni", "avx2", "neondot", "neon", "simd128" or "plain". */

@@ -1,7 +1,7 @@
 """Preferences of the add-on: which bodysense is called."""
 
-import os
 import shutil
+from pathlib import Path
 
 import bpy
 
@@ -30,5 +30,5 @@ class BodysensePreferences(bpy.types.AddonPreferences):
 def start_words(context: bpy.types.Context) -> list[str]:
     """Return the words that start bodysense, by the preferences."""
     given = context.preferences.addons[__package__].preferences
-    path = os.path.abspath(bpy.path.abspath(given.path)) if given.path else ""
+    path = str(Path(bpy.path.abspath(given.path)).absolute()) if given.path else ""
     return launcher(path, shutil.which("bodysense"), shutil.which("uvx"), given.source)

@@ -8,7 +8,9 @@ from .blocks import Block, Numbers, markdown
 def speed(step: Numbers, ik: Numbers, occlusion: Numbers, bvh: Numbers, imported: Numbers) -> str:
     """Return the figures of the bench commands."""
     rows = [
-        ["`bench step`", "a frame, whole", f"p50 {step['p50_ms']:.2f} ms, p99 {step['p99_ms']:.2f} ms"],
+        ["`bench step`", "a frame at 72 Hz, caches cold", f"p50 {step['paced_ms']:.2f} ms"],
+        ["", "frames without a pause", f"p50 {step['hot_ms']:.2f} ms, p99 {step['p99_ms']:.2f} ms"],
+        ["", "`observe` of head and wrists", f"p50 {step['observe_ms']:.3f} ms"],
         ["", "a frame of each of 16 wearers in a batch", f"{step['batch16_ms']:.2f} ms each"],
         ["", "peak resident memory; the network's file", f"{step['rss_mb']:.0f} MB; {step['file_mb']:.1f} MB"],
         ["`bench ik`", "whole body and hands, warm start", f"p50 {ik['p50_ms']:.2f} ms, p99 {ik['p99_ms']:.2f} ms"],

@@ -35,6 +35,7 @@ SOURCES = {
     "websockets": "packages/live",
     "zarr": "packages/lab",
     "zeroconf": "packages/live",
+    "zmq": "packages/live[robots]",
 }
 
 

@@ -1,4 +1,4 @@
-"""Filling gaps: what is known stays, nothing jumps, and the ends of a gap are met."""
+"""Filling gaps: known values stay, nothing jumps, and the ends of a gap are met."""
 
 from __future__ import annotations
 

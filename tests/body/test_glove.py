@@ -26,7 +26,7 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 
 HAND = hand_skeleton(default_skeleton(), "left")
-# Of the paper's release, in its order: y toward the wrist, x into the palm, z toward the thumb.
+# Markers of the paper's release, in its order: y toward the wrist, x into the palm, z toward the thumb.
 RELEASED_BACK = np.array([[-0.0059, -0.0796, -0.0325], [-0.0300, 0.0, 0.0], [-0.0155, -0.0869, 0.0319]])
 
 

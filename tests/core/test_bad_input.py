@@ -54,7 +54,7 @@ def test_nobody() -> None:
 def test_values_that_nothing_has(frame: Observation, field: str, value: float) -> None:
     values = np.full_like(getattr(frame, field), value)
     tracker = Tracker()
-    if field == "acceleration" or (field, value) == ("accuracy", 1e30):  # absent, and as vague as can be
+    if field == "acceleration" or (field, value) == ("accuracy", 1e30):  # absent, with the largest accuracy value
         estimate, _ = tracker.step(replace(frame, **{field: values}), tracker.start())
         assert np.isfinite(estimate.points).all() and np.isfinite(estimate.confidence).all()
     elif field == "time" and np.isfinite(value):

@@ -133,7 +133,7 @@ def test_the_example_in_c(installed: Path, recording: Path, completed: np.ndarra
     found = rows(ran(installed / "build" / "poses", WEIGHTS, recording, str(HEIGHT)))
     assert found.shape == (FRAMES, 212)
     np.testing.assert_allclose(found, completed, atol=CLOSE)
-    assert np.ptp(found[:, 4:], axis=0).max() > 0.1  # somebody moves
+    assert np.ptp(found[:, 4:], axis=0).max() > 0.1  # a person moves
 
 
 @pytest.mark.slow

@@ -9,7 +9,10 @@ import re
 import shutil
 import subprocess
 import sys
+import time
+import tomllib
 import urllib.request
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -20,7 +23,7 @@ import bodysense
 from bodysense_live.security.safety import Access
 from bodysense_live.server.settings import ServerSettings
 
-from ..live.conftest import serving
+from ..live.conftest import free_port, serving
 
 yaml = pytest.importorskip("yaml", reason="needs the extra deploy")
 ROOT = Path(__file__).parents[2]
@@ -89,6 +92,60 @@ def test_servers_reach_the_store_by_its_name() -> None:
     )
 
 
+def test_no_command_has_a_secret_and_every_store_has_a_password() -> None:
+    services = [service for name, service in COMPOSE["services"].items() if name != "haproxy"]
+    pods = [one["spec"]["template"]["spec"] for (kind, _), one in PODS.items() if kind == "Deployment"]
+    for command in (*(one["command"] for one in services), *(pod["containers"][0].get("args", []) for pod in pods)):
+        assert "--token" not in command and not re.search(r"\$\{|\$\([A-Z]", " ".join(command))
+    for pod in pods:
+        assert "env" not in pod["containers"][0]
+        (secret,) = [one["secret"] for one in pod["volumes"] if "secret" in one]
+        assert secret["secretName"] == "bodysense" and secret["defaultMode"] == 0o440
+    for command in (COMPOSE["services"]["valkey"]["command"], pods[1]["containers"][0]["command"]):
+        assert "requirepass" in command[2] and "--shared-password-file" in SERVER["args"]
+    mounted = SERVER["volumeMounts"][1]["mountPath"]
+    assert {word for word in SERVER["args"] if word.startswith(mounted)} == {f"{mounted}/token", f"{mounted}/valkey"}
+
+
+def test_the_valkey_of_the_files_asks_for_its_password(tmp_path: Path) -> None:
+    """Run the container's command here, with the secret in another folder and Debian's server."""
+    program = shutil.which("valkey-server") or shutil.which("redis-server")
+    if program is None:
+        pytest.skip("needs Debian's valkey-server or redis-server")
+    redis = pytest.importorskip("redis", reason="needs packages/live[shared]")
+    (tmp_path / "valkey").write_text("a-password")
+    shell, option, text = PODS["Deployment", "bodysense-valkey"]["spec"]["template"]["spec"]["containers"][0]["command"]
+    port = free_port()
+    text = text.replace("/run/secrets/bodysense", str(tmp_path)).replace("valkey-server", f"{program} --port {port}")
+    text = re.sub(rf"({re.escape(program)}) (--port {port}) -", r"\1 - \2", text)
+    with subprocess.Popen([shell, option, text], stdout=subprocess.DEVNULL, cwd=tmp_path) as process:
+        try:
+            client = redis.Redis(port=port, password="a-password")
+            for _ in range(100):
+                with suppress(redis.exceptions.ConnectionError):
+                    assert client.ping()
+                    break
+                time.sleep(0.05)
+            assert client.config_get("save") == {"save": ""}
+            with pytest.raises(redis.exceptions.AuthenticationError):
+                redis.Redis(port=port).ping()
+            client.shutdown(nosave=True)
+        finally:
+            process.wait(10)
+
+
+def test_the_proxy_names_clients_and_servers_are_behind_a_policy() -> None:
+    assert re.search(r"^ +option forwardfor$", (DEPLOY / "haproxy.cfg").read_text(), re.MULTILINE)
+    command = COMPOSE["services"]["one"]["command"]
+    (network,) = COMPOSE["networks"]["default"]["ipam"]["config"]
+    assert command[command.index("--trusted-proxy") + 1] == network["subnet"] and "--trusted-proxy" in SERVER["args"]
+    for name in ("bodysense", "bodysense-valkey"):
+        policy = PODS["NetworkPolicy", name]["spec"]
+        labels = PODS["Deployment", name]["spec"]["template"]["metadata"]["labels"]
+        assert policy["podSelector"]["matchLabels"] == labels and "Ingress" in policy["policyTypes"]
+    assert "Egress" in PODS["NetworkPolicy", "bodysense"]["spec"]["policyTypes"]
+
+
 def test_probes_and_metrics_are_those_of_the_server() -> None:
     with serving(ServerSettings(access=Access(token="secret-99"))) as server:
         for probe in ("startupProbe", "readinessProbe", "livenessProbe"):
@@ -127,13 +184,24 @@ def test_workflows_publish_without_passwords_and_run_what_there_is(path: Path) -
     text = path.read_text()
     jobs = yaml.safe_load(text)["jobs"]
     assert "secrets." not in text
-    publish = jobs["publish"]
-    assert publish["permissions"]["id-token"] == "write" and publish["environment"]
-    assert all("id-token" not in job.get("permissions", {}) for name, job in jobs.items() if name != "publish")
+    signing = {name for name, job in jobs.items() if "id-token" in job.get("permissions", {})}
+    assert signing <= {"publish", "attest"}
+    for name in signing:  # no code of the repository runs beside the proof of who runs it
+        assert not any("checkout" in step.get("uses", "") for step in jobs[name]["steps"])
+    assert "publish" not in jobs or jobs["publish"]["environment"]
     for script in re.findall(r"scripts/\w+\.py", text):
         assert (ROOT / script).is_file()
     for folder in re.findall(r"working-directory: (\S+)", text):
         assert (ROOT / folder / "package.json").is_file()
+
+
+def test_every_supported_python_is_tested_on_a_push() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "tests.yml").read_text())
+    assert "push" in workflow[True]  # YAML's "on"
+    pythons = workflow["jobs"]["fast"]["strategy"]["matrix"]["python"]
+    assert project["requires-python"] == f">={pythons[0]}"
+    assert pythons == [f"3.{minor}" for minor in range(11, 15)]
 
 
 UNIX = {"fcntl", "pwd", "grp", "termios", "tty", "pty", "resource", "syslog"}  # modules that Windows lacks

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from bodysense import demo
 from bodysense.body.arms import ARM_JOINTS, arm_rotations
 from bodysense.body.keypoints import ArmKeypoints
 from bodysense.body.person import Person
@@ -35,6 +36,8 @@ from bodysense_lab.papers.paper_systems import SYSTEMS
 from bodysense_lab.papers.two_hands.system import calibrate
 from bodysense_lab.papers.unoc.ik_tracker import IkTracker
 from bodysense_lab.papers.unoc.learned import Learned, load_model
+
+MASKS = ("has_torso", "has_arm", "has_hand")
 
 
 def completed(clip: Clip, method: Method, options: PaperOptions = PaperOptions()) -> Clip:
@@ -103,15 +106,40 @@ def test_pahmt_rotates_arms_and_hands_of_a_standing_body(waving_clip: Clip) -> N
     assert error < still
 
 
+def test_the_camera_follows_a_person_who_walks_and_turns() -> None:
+    seen = pahmt.seen_from_front(demo.packaged_performance())
+    assert seen.has_torso.mean() > 0.99 and seen.has_arm.mean() > 0.95
+
+
+def test_frames_without_a_person_are_not_written(
+    waving_clip: Clip, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Frames before a person comes and after they leave are cut, the share is printed, and an empty film is refused."""
+    seen, times = pahmt.seen_from_front(waving_clip), len(waving_clip)
+    there = (np.arange(times) >= 10) & (np.arange(times) < times - 5)
+    masks = {name: getattr(seen, name) & there[(...,) + (None,) * (getattr(seen, name).ndim - 1)] for name in MASKS}
+    monkeypatch.setattr(pahmt, "filmed", lambda name, landmarkers: replace(seen, **masks))
+    found = SYSTEMS["pahmt"](VideoSource("film.mp4"), PaperOptions(variant="cnn"))
+    printed = capsys.readouterr().out
+    assert len(found) == times - 15
+    assert f"seen in {there.mean():.0%} of {times} frames" in printed and f"frames 10 to {times - 6}" in printed
+    monkeypatch.setattr(
+        pahmt, "filmed", lambda name, landmarkers: replace(seen, **{name: 0 * masks[name] > 0 for name in MASKS})
+    )
+    with pytest.raises(BodysenseError, match=r"film\.mp4: no person is seen"):
+        SYSTEMS["pahmt"](VideoSource("film.mp4"), PaperOptions(variant="cnn"))
+
+
 def test_pahmt_reads_the_given_video(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch) -> None:
     watched: list[str] = []
 
-    def film(name: str) -> ArmKeypoints:
+    def film(name: str, landmarkers: Path | None) -> ArmKeypoints:
         watched.append(name)
+        assert landmarkers == Path("here")
         return pahmt.seen_from_front(waving_clip)
 
     monkeypatch.setattr(pahmt, "filmed", film)
-    found = SYSTEMS["pahmt"](VideoSource("film.mp4"), PaperOptions(variant="cnn", height=1.6))
+    found = SYSTEMS["pahmt"](VideoSource("film.mp4"), PaperOptions(variant="cnn", height=1.6, landmarkers=Path("here")))
     assert watched == ["film.mp4"] and len(found) == len(waving_clip)
     np.testing.assert_array_equal(found.pose.skeleton.rest_offset, Person(height=1.6).skeleton.rest_offset)
 
@@ -175,6 +203,7 @@ def test_completion_equals_the_tracker(short_clip: Clip) -> None:
         ("--method hmd_vae --variant cnn", "valid are 0, 1, 2, 3, 4"),
         ("--method unoc --variant paper", "bodysense train body-gru --data DIR --form paper -o body.onnx"),
         ("--method unoc --calibration flat.npz", "for --method two_hands, not for unoc"),
+        ("--method unoc --landmarkers here", "for --method pahmt, not for unoc"),
         ("--method completion --variant 2", "has no such variant; leave it out"),
     ],
 )

@@ -5,7 +5,10 @@ from __future__ import annotations
 import asyncio
 import socket
 import ssl
+import threading
 import time
+import urllib.error
+import urllib.request
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +16,9 @@ import pytest
 
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import SIGNAL
+from bodysense_live.security import certificate as certificate_module
 from bodysense_live.security.certificate import check_pair, own_certificate, qr_code
-from bodysense_live.security.safety import Limits, TokenThrottle
+from bodysense_live.security.safety import Access, Limits, TokenThrottle
 from bodysense_live.server.live import Live
 from bodysense_live.server.messages import Hello, Recentre, Resume, Source
 from bodysense_live.server.metrics import Metrics
@@ -25,7 +29,7 @@ from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.session import Session
 
-from .conftest import DEVICES, Connecting, Serving, signal
+from .conftest import DEVICES, Address, Connecting, Serving, signal
 
 
 def test_a_certificate_is_created_once_for_its_addresses(tmp_path: Path) -> None:
@@ -58,6 +62,44 @@ def test_a_browser_that_trusts_the_certificate_connects(server_of: Serving, tmp_
     ):
         secure.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
         assert secure.recv(4096).startswith(b"HTTP/1.1 200")
+
+
+def test_a_certificate_that_changes_or_expires_is_renewed_while_serving(
+    server_of: Serving, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("cryptography")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr(certificate_module, "CHECK_INTERVAL", 0.05)
+    monkeypatch.setattr(certificate_module, "_DAYS", 0.001)  # days; it would be refused within two minutes
+    certificate, key = certificate_module.own_certificate(tmp_path / "bodysense", ("127.0.0.1", "localhost"))
+    first = certificate.read_text()
+    server = server_of(ServerSettings(access=Access(certificate=certificate, key=key)))
+    open_before = ssl.create_default_context(cafile=str(certificate))
+    open_before.check_hostname = False
+    open_before.verify_mode = ssl.CERT_NONE
+    with (
+        socket.create_connection(("127.0.0.1", server.port), timeout=10) as plain,
+        open_before.wrap_socket(plain) as secure,
+    ):
+        monkeypatch.setattr(certificate_module, "_DAYS", 397)
+        end = time.monotonic() + 10
+        while (served := ssl.get_server_certificate(("127.0.0.1", server.port))) == first:
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        until_renewed = time.monotonic() + 10
+        while served != certificate.read_text() and time.monotonic() < until_renewed:
+            time.sleep(0.05)
+            served = ssl.get_server_certificate(("127.0.0.1", server.port))
+        assert served == certificate.read_text() != first
+        secure.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        assert secure.recv(4096).startswith(b"HTTP/1.1 200")  # of the connection that was open before
+    certificate.write_text("no certificate")
+    monkeypatch.setattr(certificate_module, "own_certificate", lambda *given: given)
+    end = time.monotonic() + 10
+    while "cannot be renewed" not in capfd.readouterr().err:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    assert ssl.get_server_certificate(("127.0.0.1", server.port)) == served
 
 
 def test_a_qr_code_is_drawn() -> None:
@@ -97,18 +139,104 @@ def test_the_delay_of_wrong_tokens_doubles(monkeypatch: pytest.MonkeyPatch) -> N
     assert waited == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 0.25, 0.25]
 
 
-def test_pending_refusals_make_an_address_busy() -> None:
-    async def guess() -> tuple[bool, bool]:
+def test_few_refusals_of_a_key_are_pending() -> None:
+    async def guess() -> tuple[bool, list[asyncio.Task[bool]]]:
         throttle = TokenThrottle()
         waiting = [asyncio.create_task(throttle.delay("10.0.0.1", 0.0)) for _ in range(4)]
+        other = asyncio.create_task(throttle.delay("10.0.0.2", 0.0))
         await asyncio.sleep(0)
-        found = throttle.is_busy("10.0.0.1"), throttle.is_busy("10.0.0.2")
-        for task in waiting:
+        found = await throttle.delay("10.0.0.1", 0.0)
+        pending = [task for task in (*waiting, other) if not task.done()]
+        for task in pending:
             task.cancel()
-        await asyncio.gather(*waiting, return_exceptions=True)
-        return found
+        await asyncio.gather(*pending, return_exceptions=True)
+        return found, pending
 
-    assert asyncio.run(guess()) == (True, False)
+    found, pending = asyncio.run(guess())
+    assert not found and len(pending) == 5
+
+
+def asked(address: Address, token: str, forwarded: str | None = None) -> tuple[int, float]:
+    """Return status and duration (s) of a request for metrics with a token."""
+    headers = {"Authorization": f"Bearer {token}"} | ({"X-Forwarded-For": forwarded} if forwarded else {})
+    begun = time.monotonic()
+    try:
+        with urllib.request.urlopen(
+            urllib.request.Request(f"{address.http}/metrics", headers=headers), timeout=30
+        ) as got:
+            return got.status, time.monotonic() - begun
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, time.monotonic() - begun
+
+
+def test_wrong_tokens_never_lock_out_the_right_one(server_of: Serving) -> None:
+    server, over = server_of(ServerSettings(Access(token="secret-token"))), threading.Event()
+    statuses: list[int] = []
+
+    def guess() -> None:
+        while not over.is_set():
+            statuses.append(asked(server, "wrong-token")[0])
+
+    threads = [threading.Thread(target=guess) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    try:
+        time.sleep(0.5)
+        for _ in range(10):
+            status, seconds = asked(server, "secret-token")
+            assert status == 200 and seconds < 1.0
+    finally:
+        over.set()
+        for thread in threads:
+            thread.join(20)
+    assert set(statuses) == {403}
+
+
+@pytest.mark.parametrize(("proxies", "is_delayed"), [((), True), (("127.0.0.0/8",), False), (("10.0.0.0/8",), True)])
+def test_only_a_trusted_proxy_names_the_client(server_of: Serving, proxies: tuple[str, ...], is_delayed: bool) -> None:
+    """Wrong tokens of one client delay those of another only if both seem to have the proxy's address."""
+    server = server_of(ServerSettings(Access(token="secret-token", trusted_proxies=proxies)))
+    for _ in range(3):
+        assert asked(server, "wrong-token", "203.0.113.1, 203.0.113.5")[0] == 403
+    seconds = asked(server, "wrong-token", "203.0.113.5, 203.0.113.2")[1]  # the last address is the proxy's word
+    assert (seconds > 1.5) == is_delayed
+
+
+@pytest.mark.parametrize("proxy", ["proxy.example", "10.0.0.0/99", "10.0.0.1/8", ""])
+def test_proxies_are_addresses(proxy: str) -> None:
+    with pytest.raises(BodysenseError, match=r"--trusted-proxy .*give an address or a network"):
+        Access(trusted_proxies=(proxy,))
+
+
+def test_a_wrong_token_of_a_session_is_delayed_by_address_and_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    keys: list[str] = []
+
+    async def delay(self: TokenThrottle, key: str, now: float) -> bool:
+        keys.append(key)
+        return len(keys) < 5
+
+    monkeypatch.setattr(TokenThrottle, "delay", delay)
+
+    async def go() -> list[str]:
+        live = Live(ServerSettings(), Metrics(), Supervisor(lambda failure: None))
+        live.start()
+        slots = [await live.admit(Hello(1, DEVICES), SendQueue(8)) for _ in range(2)]
+
+        async def resumed(k: int, address: str, token: str) -> SessionSlot:
+            hello = Hello(1, DEVICES, resume=Resume(slots[k].session_id, token))
+            return await live.admit(hello, SendQueue(8), address)
+
+        for k, address in ((0, "10.0.0.1"), (1, "10.0.0.1"), (0, "10.0.0.2"), (0, "10.0.0.1")):
+            assert await resumed(k, address, "x") not in slots
+        assert await resumed(0, "10.0.0.1", slots[0].token) is slots[0]  # the right token never waits
+        with pytest.raises(BodysenseError, match="too many wrong tokens"):
+            await resumed(0, "10.0.0.1", "x")
+        await live.stop()
+        return [slot.session_id for slot in slots]
+
+    one, other = asyncio.run(go())
+    assert keys == [f"10.0.0.1 {one}", f"10.0.0.1 {other}", f"10.0.0.2 {one}", f"10.0.0.1 {one}", f"10.0.0.1 {one}"]
 
 
 def answer(points: int) -> Answer:

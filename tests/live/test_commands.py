@@ -17,10 +17,13 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.devices.simulated.device import simulate
+from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.formats.recording import Recording, write_recording
 from bodysense.io.reading_options import ReadingOptions
-from bodysense_live.commands.serve_settings import playable_of
+from bodysense_live.commands import serve_settings
+from bodysense_live.commands.serve_options import AccessOptions, LoadOptions
+from bodysense_live.commands.serve_settings import access_of, playable_of, shared_of
 from bodysense_live.security.safety import Access
 from bodysense_live.server.settings import ServerSettings
 
@@ -77,6 +80,39 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
 def test_wrong_options_are_refused(refused: Refused, arguments: tuple[object, ...], expected: str) -> None:
     port = () if "--port" in arguments else ("--port", 0)
     assert expected in refused("serve", *port, *arguments)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (None, "--token-file {file}: cannot be read ("),
+        ("", "--token-file {file}: 0 words; give a text file with one secret"),
+        ("two words of-it", "--token-file {file}: 3 words; give a text file with one secret"),
+        ("short", "--token: give at least 8 characters"),
+    ],
+)
+def test_a_wrong_token_file_is_refused(refused: Refused, tmp_path: Path, text: str | None, expected: str) -> None:
+    file = tmp_path / "token"
+    if text is not None:
+        file.write_text(text)
+    line = refused("serve", "--port", 0, "--token-file", file)
+    assert line.startswith(expected.format(file=file)) and "of-it" not in line
+
+
+def test_secrets_are_read_from_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "token").write_text("a-secret-token\n")
+    (tmp_path / "valkey").write_text("a/pass@word\n")
+    options = AccessOptions(token_file=tmp_path / "token", trusted_proxy=("10.0.0.0/8",))
+    found = access_of(options, ())
+    assert found.token == "a-secret-token" and found.trusted_proxies == ("10.0.0.0/8",)
+    with pytest.raises(BodysenseError, match="give one of them"):
+        access_of(replace(options, token="another-token"), ())
+    monkeypatch.setattr(serve_settings, "check_store", lambda address: address)
+    load = LoadOptions(shared="redis://here:6379/0", shared_password_file=tmp_path / "valkey")
+    assert shared_of(load) == "redis://:a%2Fpass%40word@here:6379/0"
+    for wrong in (replace(load, shared=None), replace(load, shared="redis://:x@here")):
+        with pytest.raises(BodysenseError, match="--shared"):
+            shared_of(wrong)
 
 
 def test_a_system_without_a_socket_folder_is_refused(refused: Refused, monkeypatch: pytest.MonkeyPatch) -> None:

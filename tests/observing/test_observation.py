@@ -7,6 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from bodysense.body.pose import forward_kinematics, rest_pose
 from bodysense.body.skeleton import default_skeleton
@@ -231,10 +233,10 @@ def test_joined_points_keep_their_accelerations() -> None:
     measured = chosen_points(replace(bare, acceleration=felt), [0])
     other = chosen_points(bare, [1])
     assert joined_points(other, chosen_points(bare, [0])).acceleration is None
-    for parts, given in (((measured, other), 0), ((other, measured), 1)):
+    for parts, count in (((measured, other), 0), ((other, measured), 1)):
         found = joined_points(*parts).acceleration
         assert found is not None
-        assert np.array_equal(found[:, given], felt[:, 0]) and np.isnan(found[:, 1 - given]).all()
+        assert np.array_equal(found[:, count], felt[:, 0]) and np.isnan(found[:, 1 - count]).all()
 
 
 def test_impossible_accelerations_are_refused() -> None:
@@ -246,3 +248,35 @@ def test_impossible_accelerations_are_refused() -> None:
             check_observation(replace(good, acceleration=felt))
     with pytest.raises(BodysenseError, match="acceleration has shape"):
         check_observation(replace(good, acceleration=np.zeros((4, 2))))
+
+
+@given(st.lists(st.sampled_from(["head", "left_wrist", "pelvis", "left_index1"]), max_size=4, unique=True), st.data())
+@settings(max_examples=60, deadline=None)
+def test_a_plain_frame_equals_one_of_arrays(points: list[str], data: st.DataObject) -> None:
+    """Numbers of one person take a path without arrays; a batch of one does not."""
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    kinds = data.draw(st.lists(st.sampled_from(["place", "turn", "both", "none"]), min_size=4, max_size=4))
+    poses: dict[str, tuple[list[float] | None, list[float] | None]] = {}
+    for point, kind in zip(points, kinds, strict=False):
+        turn = rng.normal(size=4)
+        turn /= np.linalg.norm(turn)
+        place = rng.normal([0.0, 1.2, 0.0], 0.3).tolist()
+        poses[point] = (
+            place if kind in ("place", "both") else None,
+            turn.tolist() if kind in ("turn", "both") else None,
+        )
+    accuracy = data.draw(st.sampled_from([None, 0.02]))
+    if not any(value is not None for pose in poses.values() for value in pose):
+        return
+    one = observe(2.5, poses, accuracy)
+    many = {name: tuple(None if v is None else np.array([v]) for v in pose) for name, pose in poses.items()}
+    other = observe(2.5, many, accuracy)  # pyright: ignore[reportArgumentType]
+    assert one.points == other.points and one.time == other.time
+    for name in ("position", "rotation", "has_position", "has_rotation", "accuracy"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name)[0])
+
+
+@pytest.mark.parametrize("accuracy", [0.0, -1.0, np.nan, np.inf])
+def test_a_frame_without_a_possible_accuracy_is_refused(accuracy: float) -> None:
+    with pytest.raises(BodysenseError, match="accuracy of 'head'"):
+        observe(0.0, {"head": ([0.0, 1.6, 0.0], None)}, accuracy)

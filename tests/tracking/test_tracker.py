@@ -210,6 +210,32 @@ def test_a_long_gap_resets_motion_and_keeps_the_person() -> None:
         assert (apart < 1e-4) == anew
 
 
+def test_memory_of_a_step_is_reused() -> None:
+    """The same bits, in the memory of the last step; a state that is not given as `out` is unchanged."""
+    clip = packaged_performance()
+    seen = observe(clip.pose, clip.time, SENSOR_SETS["three_point"])[:30]
+    tracker = Tracker(Person(height=1.7))
+    start = tracker.start()
+    kept, _ = tracker.step(seen[:1], start)
+    wanted = state = tracker.start()
+    last, points = None, kept.points
+    for k in range(len(seen)):
+        fresh, wanted = tracker.step(seen[k : k + 1], wanted)
+        estimate, state = last = tracker.step(seen[k : k + 1], state, out=last)
+        for name in ("points", "confidence", "bound", "contact", "rest_offset", "measured"):
+            np.testing.assert_array_equal(getattr(estimate, name), getattr(fresh, name))
+        np.testing.assert_array_equal(estimate["left_elbow"].rotation, fresh["left_elbow"].rotation)
+        assert state.to_bytes() == wanted.to_bytes()
+        if k:
+            assert estimate.points is not fresh.points and np.shares_memory(estimate.points, points)
+        points = estimate.points
+    assert start.to_bytes() == tracker.start().to_bytes() and kept.points is not points
+    with pytest.raises(
+        BodysenseError, match="out has memory of other frames or people than the observation's 2 frames"
+    ):
+        tracker.step(seen[:2], start, out=last)
+
+
 @pytest.mark.parametrize("name", ["three_point", "headset_camera"])
 def test_a_restored_state_continues_identically(name: str) -> None:
     observation, tracker = seen(performance(9), name), Tracker([Person(height=1.7)])

@@ -45,7 +45,7 @@ _MOUNT = RigidTransform(np.array([0.02, -0.05, 0.03]), np.array([0.5, 0.5, 0.5, 
 
 @dataclass(frozen=True)
 class Case:
-    """A recording, and what is known beforehand."""
+    """A recording, and the known person."""
 
     device: str
     person: Person = Person()

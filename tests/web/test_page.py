@@ -23,7 +23,7 @@ from bodysense.io.formats.gltf.motion import read_gltf
 pytestmark = [pytest.mark.slow, pytest.mark.alone]
 
 Scenario = Callable[..., dict[str, Any]]
-SOON = 10  # s until somebody moves, on a busy machine without a graphics card; docs/page.md: 2 s
+SOON = 10  # s until a body moves, on a busy machine without a graphics card; docs/page.md: 2 s
 
 
 def picture_of(path: Path) -> np.ndarray:
@@ -55,7 +55,7 @@ def test_a_person_moves_soon(scenario: Scenario, site: Path, tmp_path: Path) -> 
         first = scenario("first", site, tmp_path / "first.png")
     assert first["words"] < first["moving"] < SOON
     assert not set(first["before"]) & {"avatar.js", "avatar.vrm.gz"}
-    assert picture_of(tmp_path / "first.png")[:, 560:720].std() > 20  # somebody is there
+    assert picture_of(tmp_path / "first.png")[:, 560:720].std() > 20  # a body is drawn
 
 
 def test_axe_finds_no_serious_fault(used: Used) -> None:
@@ -210,7 +210,7 @@ def served(*options: str, found: str) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def address(waving_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A real server that replays somebody who waves, watched by a headset and two controllers."""
+    """A real server that replays a waving person, watched by a headset and two controllers."""
     motion = tmp_path_factory.mktemp("replay") / "waving.bvh"
     write_bvh(motion, waving_clip)
     with served("--replay", str(motion), "--device", "three_point", found=r"http://\S+") as found:

@@ -1,7 +1,7 @@
 import { expect, it } from "vitest";
 import { followed } from "../src/view/scene";
 
-/** How far the camera is behind somebody who walked for four seconds at 1.2 m/s. */
+/** How far the camera is behind a person who walked for four seconds at 1.2 m/s. */
 function behind(picturesPerSecond: number): number {
   const [seconds, speed] = [1 / picturesPerSecond, 1.2];
   let camera = 0;

@@ -284,7 +284,7 @@ describe("poses of joints", () => {
   it("are those of the last animation frame in frames of events", async () => {
     install();
     const { session, floor, pose } = await enterHeadset();
-    headset.frames(session, 1, () => null); // an animation frame in which nobody asks for the body
+    headset.frames(session, 1, () => null); // an animation frame without a request for the body
     const Frame = XRFrame as unknown as new (...values: unknown[]) => XRBodyFrame; // of iwer: session, id, active, animation
     const hips = () => {
       const frame = new Frame(session, 0, true, false, 0);

@@ -1,1 +1,1 @@
-"""What is known of a person at each time, from any device."""
+"""Observations of a person over time, from any device."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import isfinite, isnan
+from functools import lru_cache
+from math import isfinite, isnan, nan
 from reprlib import repr as brief
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -49,12 +50,15 @@ LANDMARK_ACCURACY = 0.05  # landmarks of a video
 RAW_POINTS = frozenset(("headset", "left_controller", "right_controller"))  # poses of devices, not of joints
 _HEADSET_POINTS = {"head", "left_wrist", "right_wrist", *RAW_POINTS}
 
+_NO_POSITION, _NO_ROTATION = (nan, nan, nan), (nan, nan, nan, nan)
+
 # Limits of `check_world`.
 _HEADS = ("head", "headset")
 _HIGHEST_HEAD = 20.0  # m above the floor; a higher head without other points is in another unit
 _WIDEST = 4.0  # m from the head to the mean of the other points; no body is as large
 _LOW = 0.7  # m; a lower head is not that of a standing body
 _STANDING = (0.8, 2.3)  # m; usual heights of a head
+_COMPACT = 2.0  # m along each axis; points that are as near pass `check_world` in any case
 _UPRIGHT = 0.2  # m; smallest height of the head above the other points of an upright body
 
 
@@ -155,6 +159,10 @@ def observe(
     in another unit.
     """
 
+    plain = None if unit is not None or up is not None else _plain_frame(time, poses, accuracy)
+    if plain is not None:
+        return plain
+
     def frames(kind: int) -> dict[str, np.ndarray]:
         given = {name: pose[kind] for name, pose in poses.items()}
         return {name: np.asarray(value, float)[..., None, :] for name, value in given.items() if value is not None}
@@ -169,6 +177,62 @@ def observe(
     made = check_observation(convert_world(made, unit, up), "observe")
     check_world(made, "observe", unit=unit, up="y")  # in a single frame the person may be lying
     return made
+
+
+def _plain_frame(time: float, poses: Mapping[str, Any], accuracy: float | None) -> Observation | None:
+    """Return the observation of a frame of one person without anything to convert, to hide or to refuse; else None.
+
+    Arithmetic on a dozen numbers is much faster in Python than in arrays, and a live loop has a frame each 14 ms.
+    """
+    points = tuple(poses)
+    numbers: list[Any] = []
+    rotations: list[Any] = []
+    placed, turned = bytearray(), bytearray()
+    low, high = [FARTHEST] * 3, [-FARTHEST] * 3
+    try:
+        for position, rotation in poses.values():
+            placed.append(position is not None)
+            turned.append(rotation is not None)
+            if position is None:
+                numbers += _NO_POSITION
+            else:
+                x, y, z = position
+                if not (abs(x) <= FARTHEST and abs(y) <= _HIGHEST_HEAD and abs(z) <= FARTHEST):
+                    return None
+                low, high = [*map(min, low, position)], [*map(max, high, position)]
+                numbers += (x, y, z)
+            if rotation is None:
+                rotations += _NO_ROTATION
+            else:
+                w, i, j, k = rotation
+                if not abs(w * w + i * i + j * j + k * k - 1) < UNIT_TOLERANCE:
+                    return None
+                rotations += (w, i, j, k)
+        usual = _usual_accuracies(points) if accuracy is None else (accuracy,) * len(points)
+        if not (points and isfinite(time) and all(0 < each < np.inf for each in usual)):
+            return None
+        if any(b - a > _COMPACT for a, b in zip(low, high, strict=True)):
+            return None
+        count = len(points)
+        whole = np.array((*numbers, *rotations, *usual, time), dtype=np.float64)
+    except (TypeError, ValueError):  # several people, or values that are explained with their names
+        return None
+    if whole.ndim != 1:
+        return None
+    return Observation(
+        points,
+        whole[: 3 * count].reshape(1, count, 3),
+        whole[3 * count : 7 * count].reshape(1, count, 4),
+        np.frombuffer(placed, np.bool_).reshape(1, count),
+        np.frombuffer(turned, np.bool_).reshape(1, count),
+        whole[7 * count : 8 * count].reshape(1, count),
+        whole[8 * count :],
+    )
+
+
+@lru_cache(maxsize=64)
+def _usual_accuracies(points: tuple[str, ...]) -> tuple[float, ...]:
+    return tuple(map(_usual_accuracy, points))
 
 
 def _from_named_points(

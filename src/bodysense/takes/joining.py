@@ -135,7 +135,7 @@ def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
 
 def keep_tracked_rotations(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:
     """Return local rotations (T, J, 4) in which `turned` (T, J) joints have their `world` (T, J, 4) rotation."""
-    rotation, placed = rotation.copy(), np.empty_like(rotation)
+    rotation, placed = rotation.copy(), np.zeros_like(rotation)
     for joint, parent in enumerate(skeleton.parents[: rotation.shape[1]]):
         kept = turned[:, [joint]]
         if parent < 0:

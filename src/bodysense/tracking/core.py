@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import mmap
 import threading
 from collections.abc import Sequence
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from bodysense.observing.observation import Observation
 VERSION = 1  # BS_VERSION of the header that this module mirrors
 POINTS, JOINTS, CONTACTS, LENGTHS = 65, 52, 4, 32
 ALIGNMENT = 64  # bytes
+HUGE_PAGE = 2**21  # bytes
 OK, STATE_FOREIGN, TIME_DISORDERED = 0, 6, 7
 LIBRARIES = {"win32": "_core.dll", "darwin": "_core.dylib"}  # by `sys.platform`; else _core.so
 
@@ -159,9 +162,22 @@ def message(result: int) -> str:
 
 
 def empty(size: int) -> np.ndarray:
-    """Return bytes (size,) at an aligned address."""
-    memory = np.empty(size + ALIGNMENT, np.uint8)
-    start = -address(memory) % ALIGNMENT
+    """Return bytes (size,) at an aligned address; large ones in huge pages, if the system has them.
+
+    A step reads all weights of a model. In pages of 4 kB, that alone would fill the processor's table of pages.
+    """
+    huge = size >= HUGE_PAGE and hasattr(mmap, "MADV_HUGEPAGE")
+    alignment = HUGE_PAGE if huge else ALIGNMENT
+    if huge:
+        pages = mmap.mmap(-1, size + HUGE_PAGE)
+        try:
+            pages.madvise(mmap.MADV_HUGEPAGE)
+        except OSError:  # a kernel without them
+            alignment = ALIGNMENT
+        memory = np.frombuffer(pages, np.uint8)
+    else:
+        memory = np.empty(size + ALIGNMENT, np.uint8)
+    start = -address(memory) % alignment
     return memory[start : start + size]
 
 
@@ -265,29 +281,37 @@ class Model:
         return after
 
     def step(
-        self, settings: SettingsStruct, observations: Sequence[Observation], states: Sequence[np.ndarray]
-    ) -> tuple[int, int, dict[str, np.ndarray], tuple[np.ndarray, ...]]:
+        self,
+        settings: SettingsStruct,
+        observations: Sequence[Observation],
+        states: Sequence[np.ndarray],
+        outputs: Outputs | None = None,
+        after: tuple[np.ndarray, ...] | None = None,
+    ) -> tuple[int, int, Outputs, tuple[np.ndarray, ...]]:
         """Complete the next T frames of B people.
 
-        Returns a result code, the index of the person whom it concerns, arrays (B, T, …) of `ESTIMATE`, and new states.
+        `outputs` and `after` are memory of estimates and states that is written to; `after` may be `states`. New memory
+        is used if they are omitted. Returns a result code, the index of the person whom it concerns, estimates, and the
+        states after the frames.
         """
         people, frames = len(observations), len(observations[0])
         structs, _keep = _observations(observations)
-        made, estimates = _estimates(people, frames)
-        after = tuple(empty(self.state_size) for _ in states)  # separate memory, because a session may keep one state
-        for k, (own, state) in enumerate(zip(after, states, strict=True)):
+        made = outputs or Outputs.of(people, frames)
+        for k, state in enumerate(states):
             if len(state) != self.state_size:
                 return STATE_FOREIGN, k, made, tuple(states)
-            own[:] = state
+        after = after or tuple(empty(self.state_size) for _ in states)
+        for own, state in zip(after, states, strict=True):
+            if own is not state:
+                own[:] = state
         scratch, refused = self._scratch_for(people), ctypes.c_int()
-        pointers = (_Pointer * people)(*map(address, after))
         result = library().bs_step(
             self.pointer,
             ctypes.byref(settings),
             people,
             structs,
-            pointers,
-            estimates,
+            (_Pointer * people)(*map(address, after)),
+            made.structs,
             address(scratch),
             len(scratch),
             ctypes.byref(refused),
@@ -321,46 +345,59 @@ def copied(state: np.ndarray) -> np.ndarray:
 
 
 def _observations(observations: Sequence[Observation]) -> tuple[ctypes.Array, list[np.ndarray]]:
-    """Return structs of observations (T, P, …), and the arrays to which they point, which must outlive them.
-
-    Values are packed into one array of each kind, because copying a frame is faster than getting its addresses.
-    """
-    values, masks, rows = [], [], []
+    """Return structs of observations (T, P, …), and the arrays to which they point, which must outlive them."""
+    rows, keep = [], []
     for one in observations:
-        values += (one.time, one.position, one.rotation, one.accuracy)
-        if one.acceleration is not None:
-            values.append(one.acceleration)
-        masks += (one.has_position, one.has_rotation)
-    numbers = np.concatenate(values, axis=None, dtype=np.float64, casting="unsafe")
-    known = np.concatenate(masks, axis=None, dtype=np.bool_, casting="unsafe")
-    keep, number, flag = [numbers, known], address(numbers), address(known)
-    for one in observations:
+        numbers = (one.time, one.position, one.rotation, one.accuracy, one.acceleration)
+        masks = (one.has_position, one.has_rotation)
+        arrays = [None if values is None else np.ascontiguousarray(values, np.float64) for values in numbers]
+        arrays += [np.ascontiguousarray(values, np.bool_) for values in masks]
+        time, position, rotation, accuracy, acceleration, has_position, has_rotation = map(_place, arrays)
         frames, points = one.has_position.shape
-        count, point = frames * points, point_indices(one.points)
-        time, position = number, number + 8 * frames
-        rotation = position + 24 * count
-        accuracy = rotation + 32 * count
-        number, acceleration = accuracy + 8 * count, None
-        if one.acceleration is not None:
-            number, acceleration = number + 24 * count, number
-        fields = (address(point), time, position, rotation, flag, flag + count, accuracy, acceleration)
+        point = point_indices(one.points)
+        fields = (_place(point), time, position, rotation, has_position, has_rotation, accuracy, acceleration)
         rows.append(ObservationStruct(frames, points, *fields))
-        flag += 2 * count
-        keep.append(point)
+        keep += [*arrays, point]
     return (ObservationStruct * len(rows))(*rows), keep
 
 
-def _estimates(people: int, frames: int) -> tuple[dict[str, np.ndarray], ctypes.Array]:
-    """Return arrays (B, T, …) by the names of `ESTIMATE`, and `bs_estimate` structs, 8 pointers each, to them."""
-    parts, starts, size = _layout(frames)
-    memory = np.empty((people, size), np.uint8)
-    made = {
-        name: np.ndarray((people, *shape), kind, memory, start, (size, *strides))
-        for name, kind, start, shape, strides in parts
-    }
-    first = address(memory)
-    pointers = [row + start for row in range(first, first + people * size, size) for start in starts]
-    return made, (_Pointer * len(pointers))(*pointers)
+def _place(values: np.ndarray | None) -> int | None:
+    """Return the address of a contiguous array, which may be read-only; None for None."""
+    if values is None:
+        return None
+    return address(values) if values.flags.writeable else values.ctypes.data
+
+
+@dataclass(frozen=True, eq=False)
+class Outputs:
+    """Memory of the estimates of B people in T frames."""
+
+    arrays: dict[str, np.ndarray]  # (B, T, …) by the names of `ESTIMATE`
+    structs: ctypes.Array  # `bs_estimate` of each person: 8 pointers
+
+    @classmethod
+    def of(cls, people: int, frames: int) -> Outputs:
+        """Return new memory."""
+        parts, starts, size = _layout(frames)
+        memory = np.empty((people, size), np.uint8)
+        arrays = {
+            name: np.ndarray((people, *shape), kind, memory, start, (size, *strides))
+            for name, kind, start, shape, strides in parts
+        }
+        first = address(memory)
+        pointers = [row + start for row in range(first, first + people * size, size) for start in starts]
+        return cls(arrays, (_Pointer * len(pointers))(*pointers))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """B and T."""
+        people, frames = self.arrays["contact"].shape[:2]
+        return people, frames
+
+    @cached_property
+    def of_first(self) -> dict[str, np.ndarray]:
+        """Arrays (T, …) of the first person."""
+        return {name: values[0] for name, values in self.arrays.items()}
 
 
 _Part = tuple[str, type, int, tuple[int, ...], tuple[int, ...]]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_canonical
+
+if TYPE_CHECKING:
+    from bodysense.tracking.core import Outputs
 
 CONTACT_POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")  # the feet are the balls
 
@@ -46,6 +50,7 @@ class Estimate:
     bound: np.ndarray  # (..., T, P) m, bound of the position error in 90 % of cases
     contact: np.ndarray  # (..., T, 4) probability that each of `CONTACT_POINTS` rests on something
     rest_offset: np.ndarray  # (..., T, P, 3) m
+    memory: Outputs | None = field(default=None, repr=False)  # that a step may reuse (`Tracker.step`)
 
     def __getitem__(self, name: str) -> EstimatedPoint:
         """Return a point by its name. Raises BodysenseError, with the nearest names, for an unknown one."""

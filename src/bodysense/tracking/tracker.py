@@ -164,8 +164,20 @@ class Tracker:
         parts = [stored[k * size : (k + 1) * size] for k in range(count)]
         return TrackerState(self.people, self.model, tuple(self.model.core.opened(part) for part in parts))
 
-    def step(self, observation: Observation, state: TrackerState) -> tuple[Estimate, TrackerState]:
+    def step(
+        self,
+        observation: Observation,
+        state: TrackerState,
+        *,
+        out: tuple[Estimate, TrackerState] | None = None,
+    ) -> tuple[Estimate, TrackerState]:
         """Complete the next T ≥ 1 frames. One call with T frames equals T calls with one frame.
+
+        Args:
+            observation: (T, P) of one person, (B, T, P) of B people.
+            state: after the frames before; unchanged, unless `out` has the same one.
+            out: an estimate and a state of an earlier step of this tracker, with as many frames, whose memory is
+                overwritten. A live loop gives the last ones: `tracker.step(seen, state, out=(estimate, state))`.
 
         Raises BodysenseError if time does not increase, and for unknown points.
         """
@@ -181,9 +193,16 @@ class Tracker:
             )
         each = [observation] if alone else [_person_slice(observation, k) for k in range(count)]
         each = [_joints_only(one, person) for one, person in zip(each, self.people, strict=True)]
-        made, memory = _step_core(self.model, self.settings, each, state.memory)
-        estimate = _estimate({name: values[0] for name, values in made.items()} if alone else made)
-        return estimate, TrackerState(state.people, state.model, memory)
+        outputs, after = None, None
+        if out is not None:
+            outputs, after = out[0].memory, out[1].memory
+            if outputs is None or outputs.shape != (count, len(observation)) or len(after) != count:
+                raise BodysenseError(
+                    f"tracker: out has memory of other frames or people than the observation's {len(observation)} "
+                    f"frames of {count}; give an estimate and a state of an earlier step like this one"
+                )
+        made, memory = _step_core(self.model, self.settings, each, state.memory, outputs, after)
+        return _estimate(made.of_first if alone else made.arrays, made), TrackerState(state.people, state.model, memory)
 
 
 def step_together(
@@ -204,7 +223,7 @@ def step_together(
     made, after = _step_core(first.model, first.settings, each, memory)
     return [
         (
-            _estimate({name: values[k] for name, values in made.items()}),
+            _estimate({name: values[k] for name, values in made.arrays.items()}),
             TrackerState(state.people, state.model, after[k : k + 1]),
         )
         for k, (_, _, state) in enumerate(jobs)
@@ -216,9 +235,11 @@ def _step_core(
     settings: TrackerSettings,
     observations: Sequence[Observation],
     memory: Sequence[np.ndarray],
-) -> tuple[dict[str, np.ndarray], tuple[np.ndarray, ...]]:
-    """Return arrays (B, T, …) of estimates, and the states of B people, after T frames each."""
-    result, k, made, after = model.core.step(settings.struct, observations, memory)
+    outputs: core.Outputs | None = None,
+    states: tuple[np.ndarray, ...] | None = None,
+) -> tuple[core.Outputs, tuple[np.ndarray, ...]]:
+    """Return estimates and the states of B people after T frames each, in `outputs` and `states` if given."""
+    result, k, made, after = model.core.step(settings.struct, observations, memory, outputs, states)
     if result != core.OK:
         # The core reports a person and a reason; the checks of the observation find point and frame.
         check_observation(observations[k])
@@ -245,8 +266,8 @@ def _person_slice(observation: Observation, k: int) -> Observation:
     return replace(observation, **{name: getattr(observation, name)[k] for name in names})
 
 
-def _estimate(made: dict[str, np.ndarray]) -> Estimate:
-    """Return an estimate of the core's arrays."""
+def _estimate(made: dict[str, np.ndarray], memory: core.Outputs | None = None) -> Estimate:
+    """Return an estimate of the core's arrays; `memory` is theirs if a step may reuse it."""
     offset = made["rest_offset"]
     last = offset.reshape(-1, *offset.shape[-3:])[0, -1]
     return Estimate(
@@ -257,6 +278,7 @@ def _estimate(made: dict[str, np.ndarray]) -> Estimate:
         bound=made["bound"],
         contact=made["contact"],
         rest_offset=offset,
+        memory=memory,
     )
 
 

@@ -154,7 +154,7 @@ def test_other_files_than_onnx_are_refused(tmp_path: Path) -> None:
 
 
 def foreign(path: Path, fields: dict[str, str]) -> Path:
-    """A whole ONNX model of somebody else."""
+    """A whole ONNX model of another project."""
     value = [onnx.helper.make_tensor_value_info(name, onnx.TensorProto.FLOAT, [1]) for name in ("x", "y")]
     graph = onnx.helper.make_graph([onnx.helper.make_node("Identity", ["x"], ["y"])], "g", value[:1], value[1:])
     model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 17)], ir_version=9)

@@ -155,7 +155,7 @@ def test_scores_are_kept_beside_the_networks(untrained: Path, data: DataSet, tmp
 
 
 def test_the_shipped_predictor(data: DataSet, tmp_path: Path, small_network: Path) -> None:
-    """Before IK what is seen is where it was measured; after it the bones have the wearer's lengths."""
+    """Before IK measured points are at their places; after it the bones have the wearer's lengths."""
     scores = score(data, tmp_path, Work({}, Shipped(small_network), stride=2), 1, noted)
     best, tracker = scores["best"], scores["tracker"]
     assert best.get("body", "occluded").squared == pytest.approx(best.get("body", "all").squared)

@@ -69,7 +69,7 @@ export interface State {
   step(observation: Observation, settings?: Partial<Settings>): Estimate;
   /** The current estimate of the person. */
   person(): Person;
-  /** Go on with the same evidence after more became known of the person. */
+  /** Update the person and keep the evidence. */
   update(person: Person): void;
   /** Whether the head was higher for 2 s than the known height allows; the height is inferred since. */
   contradictsHeight(): boolean;

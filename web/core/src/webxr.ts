@@ -28,7 +28,7 @@ export interface XRBodyFrame extends XRFrame {
 }
 
 export interface BodyTrackingOptions {
-  readonly person?: Person; // what is known of the wearer, such as { height: 1.75 }
+  readonly person?: Person; // the known wearer, such as { height: 1.75 }
   readonly settings?: Partial<Settings>;
   /** Further tracked points of a frame, such as trackers, in the frame of `floor`. */
   readonly points?: (frame: XRFrame, floor: XRReferenceSpace) => readonly Point[];

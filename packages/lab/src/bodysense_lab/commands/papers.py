@@ -17,6 +17,7 @@ from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.ranges import Seed
+from bodysense_lab.commands.paper_bodies import fingers, generate, sample
 from bodysense_lab.core.options import Output, check_ending
 from bodysense_lab.papers.paper_options import Method, PaperOptions, Variant
 
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 def commands() -> SubcommandApp:
     """Return the group's commands."""
     group = SubcommandApp()
-    group.command(track)
-    group.command(calibrate_hands)
+    for command in (track, calibrate_hands, generate, sample, fingers):
+        group.command(command)
     return group
 
 
@@ -42,6 +43,7 @@ def track(
     noise: bool = False,
     seed: Seed = 1,
     calibration: Path | None = None,
+    landmarkers: Path | None = None,
     gloves: Annotated[MarkerOptions, tyro.conf.arg(name="")] = NO_OPTIONS,
     reading: Reading = AS_FOUND,
 ) -> None:
@@ -60,6 +62,7 @@ def track(
         noise: simulate errors of a real device.
         seed: random seed of the noise.
         calibration: flat-hand calibration, for 'two_hands', from `bodysense papers calibrate-hands`.
+        landmarkers: folder of MediaPipe's landmarkers, for 'pahmt' on a video; downloaded if omitted.
         reading: properties that the file does not contain; --height is the wearer's.
     """
     from dataclasses import replace
@@ -71,8 +74,10 @@ def track(
     check_motion(out)
     if calibration is not None and method != "two_hands":
         raise BodysenseError(f"--calibration {calibration}: for --method two_hands, not for {method}; leave it out")
+    if landmarkers is not None and method != "pahmt":
+        raise BodysenseError(f"--landmarkers {landmarkers}: for --method pahmt, not for {method}; leave it out")
     opened, height = _opened(source, gloves, reading)
-    options = PaperOptions(networks, variant, device, seed if noise else None, height, calibration)
+    options = PaperOptions(networks, variant, device, seed if noise else None, height, calibration, landmarkers)
     begun = time.perf_counter()
     clip = SYSTEMS[method](opened, options)
     rate = len(clip) / (time.perf_counter() - begun)

@@ -24,6 +24,7 @@ class PaperOptions:
     noise: int | None = None  # random seed of the device's errors; None: exact tracking
     height: float | None = None  # m, of the wearer
     calibration: Path | None = None  # flat-hand calibration, for two_hands
+    landmarkers: Path | None = None  # folder of MediaPipe's landmarkers, for pahmt
 
     def choose_variant(self, method: Method, valid: tuple[Variant, ...], default: Variant) -> Variant:
         """Return the variant, `default` if none was given. Raises BodysenseError for one that the method lacks."""

@@ -10,6 +10,7 @@ import tyro
 
 from bodysense.devices.simulated.device import DeviceName
 from bodysense.ranges import Megabytes, Port, Processes, Sessions
+from bodysense_live.protocols.robots.robot_link import RobotFormat
 from bodysense_live.security.safety import RecordingLimits
 
 Addresses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
@@ -25,6 +26,10 @@ class AccessOptions:
     """TCP port; 0 for any free port"""
     token: str | None = None
     """secret that clients must present, at least 8 characters: letters, digits and -._~"""
+    token_file: Path | None = None
+    """file with the token, which other users of the machine cannot see in the list of processes"""
+    trusted_proxy: Addresses = ()
+    """address or network of a proxy, such as 10.0.0.0/8, whose X-Forwarded-For names the client. Repeatable"""
     origin: Addresses = ()
     """origin of a page on another server that may connect, such as http://localhost:5173. Repeatable"""
     lan: bool = False
@@ -99,6 +104,12 @@ class ProgramOptions:
     """receive the headset of Monado or WiVRn, on Linux, and send them trackers and a body"""
     solarxr_port: Port = 21110
     """TCP port of this machine for SlimeVR's own programs; 0 for any free port"""
+    robot: RobotFormat | None = None
+    """publish the body for a humanoid robot: dictionaries for GMR, or SONIC's messages (docs/robots.md)"""
+    robot_host: str = "127.0.0.1"
+    """address of this machine to publish at; 0.0.0.0 for robots on the network"""
+    robot_port: Port = 5556
+    """TCP port to publish at"""
     slimevr: bool = False
     """receive SlimeVR's trackers, which find this machine in the network"""
     slimevr_host: str = "0.0.0.0"
@@ -117,6 +128,8 @@ class LoadOptions:
     """number of processes that share the port; one that ends is replaced"""
     shared: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """address of a Valkey or Redis, such as redis://10.0.0.2:6379, by which workers and servers resume sessions"""
+    shared_password_file: Path | None = None
+    """file with the password of --shared, which other users cannot see in the list of processes"""
     allow_record: Path | None = None
     """folder for recordings that clients request; recording is off if omitted"""
     record_megabytes: Megabytes = RecordingLimits.folder_megabytes

@@ -8,6 +8,7 @@ import tempfile
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Literal
+from urllib.parse import quote
 
 from bodysense.body.hands.glove_set import GloveSet, read_set, standard_set
 from bodysense.body.person import Person
@@ -26,6 +27,7 @@ from bodysense_live.commands.serve_options import (
     WearerOptions,
 )
 from bodysense_live.protocols.datagrams import Receiver
+from bodysense_live.protocols.robots.robot_link import RobotSettings
 from bodysense_live.protocols.slimevr_link import SlimevrSettings, is_serial
 from bodysense_live.protocols.solarxr.solarxr_link import SolarxrSettings, runtime_folder
 from bodysense_live.protocols.steamvr.vmt_link import VmtSettings
@@ -58,13 +60,13 @@ def settings_of(
     to, parts = programs, parts_of(programs.vrchat_trackers)
     check_chosen(to)
     receives = inputs.vmc_in is not None or inputs.markers_in is not None
-    sends = bool(to.vmc_out or to.vrchat_out or to.vrchat or to.vmt or to.solarxr)
+    sends = bool(to.vmc_out or to.vrchat_out or to.vrchat or to.vmt or to.solarxr or to.robot)
     if load.workers > 1 and (receives or sends or to.slimevr):
         raise BodysenseError("--workers: UDP needs a single process; leave --workers out")
     devices, joints = named_of(inputs.device_names, inputs.vmc_in is not None or to.vmt, to.slimevr)
     if access.bridge and not sends:
         raise BodysenseError(
-            "--bridge has nowhere to send to; give --vmc-out, --vrchat-out, --vrchat, --vmt or --solarxr"
+            "--bridge has nowhere to send to; give --vmc-out, --vrchat-out, --vrchat, --vmt, --solarxr or --robot"
         )
     origin = (*access.origin, ANY_ORIGIN) if access.bridge else access.origin
     file = wearer.person
@@ -73,7 +75,7 @@ def settings_of(
     person = person_of(file, reading.height) or Person(height=reading.height)
     posture = "seated" if wearer.seated else "standing"
     return ServerSettings(
-        access=access_of(access.host, access.token, origin, access.lan, access.certificate, access.key),
+        access=access_of(access, origin),
         limits=Limits(sessions=load.sessions, recording=recording_limits(load)),
         allow_record=None if load.allow_record is None else writable_folder("--allow-record", load.allow_record),
         playable=playable_of(inputs.replay, inputs.device, reading, person),
@@ -82,7 +84,7 @@ def settings_of(
         recentre=wearer.recentre,
         save_person=wearer.save_person,
         trackers={} if file is None else read_trackers(file),
-        shared=None if load.shared is None else check_store(load.shared),
+        shared=shared_of(load),
         vmc_in=inputs.vmc_in,
         vmc_trackers=VmcTrackers(devices),
         markers_in=inputs.markers_in,
@@ -96,6 +98,7 @@ def settings_of(
         else None,
         vrchat=VrchatSettings(to.vrchat_host, parts=parts) if to.vrchat else None,
         solarxr=SolarxrSettings(runtime_folder(os.environ), to.solarxr_port) if to.solarxr else None,
+        robot=None if to.robot is None else RobotSettings(to.robot, to.robot_host, to.robot_port),
         slimevr=SlimevrSettings(to.slimevr_host, to.slimevr_port, joints) if to.slimevr else None,
     )
 
@@ -143,13 +146,16 @@ def named_of(table: Path | None, steamvr: bool, slimevr: bool) -> tuple[TrackedD
         raise BodysenseError(f"--device-names {table}: {error}") from None
 
 
-def access_of(
-    host: str, token: str | None, origin: tuple[str, ...], lan: bool, certificate: Path | None, key: Path | None
-) -> Access:
+def access_of(options: AccessOptions, origin: tuple[str, ...]) -> Access:
     """Return the rules of access. Raises BodysenseError, naming the options, for a wrong combination."""
+    host, certificate, key, token = options.host, options.certificate, options.key, options.token
     if (certificate is None) != (key is None):
         raise BodysenseError("--certificate and --key: give both, a certificate and its own key")
-    if lan and is_loopback(host):
+    if token is not None and options.token_file is not None:
+        raise BodysenseError("--token and --token-file: give one of them")
+    if options.token_file is not None:
+        token = secret_of("--token-file", options.token_file)
+    if options.lan and is_loopback(host):
         address = lan_address()
         host = "0.0.0.0"
         if certificate is None:
@@ -158,7 +164,31 @@ def access_of(
         check_pair(certificate, key)
     if token is None and (ANY_ORIGIN in origin or not is_loopback(host)):
         token = secrets.token_urlsafe(16)
-    return Access(host, token, origin, certificate, key)
+    return Access(host, token, origin, certificate, key, options.trusted_proxy)
+
+
+def shared_of(options: LoadOptions) -> str | None:
+    """Return the address of the store of sessions, with its password. Raises BodysenseError for wrong options."""
+    address, file = options.shared, options.shared_password_file
+    if file is not None:
+        if address is None:
+            raise BodysenseError("--shared-password-file is for a store of sessions; give its address with --shared")
+        scheme, _, rest = address.partition("://")
+        if "@" in rest:
+            raise BodysenseError("--shared has a password already; leave it or --shared-password-file out")
+        address = f"{scheme}://:{quote(secret_of('--shared-password-file', file), safe='')}@{rest}"
+    return None if address is None else check_store(address)
+
+
+def secret_of(option: str, path: Path) -> str:
+    """Return the secret in a file of one line. Raises BodysenseError, naming the option but not the secret."""
+    try:
+        secret = path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BodysenseError(f"{option} {path}: cannot be read ({error}); give a text file of one line") from None
+    if not secret or len(secret.split()) != 1:
+        raise BodysenseError(f"{option} {path}: {len(secret.split())} words; give a text file with one secret")
+    return secret
 
 
 def address_of(access: Access, port: int, lan: bool) -> str:

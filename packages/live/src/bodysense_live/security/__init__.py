@@ -1,1 +1,1 @@
-"""Who may connect, and certificates."""
+"""Access control and certificates."""

@@ -19,9 +19,11 @@ FIRST_WAIT, LONGEST_WAIT = 0.25, 8.0  # s until a wrong token is refused
 FORGET_AFTER = 60.0  # s; a wrong token after a longer pause counts as the first
 ANY_ORIGIN = "*"
 _WRONG_TOKEN = "the token is missing or wrong"
-_MAX_WAITING = 4  # pending refusals of one address
+TOO_MANY_WRONG = "too many wrong tokens; open the page with the address that the server printed"
+_MAX_WAITING = 4  # pending refusals of one key
 _MAX_ADDRESSES = 4096
 _TOKEN = re.compile(r"[A-Za-z0-9._~-]{8,}")  # characters that addresses and subprotocols allow
+_HOST = re.compile(r"([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?")  # a Host header
 _ORIGIN = re.compile(r"[a-z][a-z0-9+.-]*://([a-z0-9._-]+|\[[0-9a-f:.]+\])(:[0-9]{1,5})?")  # the form that browsers send
 
 
@@ -64,6 +66,7 @@ class Access:
     origins: tuple[str, ...] = ()  # of pages elsewhere that may connect, as `http://localhost:5173`, or ANY_ORIGIN
     certificate: Path | None = None  # PEM, with `key`: connections are encrypted
     key: Path | None = None
+    trusted_proxies: tuple[str, ...] = ()  # addresses or networks whose X-Forwarded-For names the client
 
     def __post_init__(self) -> None:
         if self.token is None and not is_loopback(self.host):
@@ -75,6 +78,13 @@ class Access:
                 "--token: give at least 8 characters of A-Z, a-z, 0-9 and -._~, for the token is part of an address; "
                 "or leave it out"
             )
+        for proxy in self.trusted_proxies:
+            try:
+                ipaddress.ip_network(proxy)
+            except ValueError as error:
+                raise BodysenseError(
+                    f"--trusted-proxy {proxy}: {error}; give an address or a network, such as 10.0.0.0/8"
+                ) from None
         for origin in self.origins:
             if origin not in (ANY_ORIGIN, "null") and not _ORIGIN.fullmatch(origin):
                 raise BodysenseError(
@@ -99,46 +109,47 @@ class RateLimit:
 
 
 class TokenThrottle:
-    """Delays after wrong tokens: each takes twice as long as the one before, and few may be pending per address."""
+    """Delays after wrong tokens: each takes twice as long as the one before, and few may be pending per key.
+
+    Right tokens are never delayed. A key is an address, or an address and the session whose token was guessed.
+    """
 
     def __init__(self) -> None:
-        self._wrong: dict[str, tuple[int, float]] = {}  # by address: count, time of the last (s)
+        self._wrong: dict[str, tuple[int, float]] = {}  # by key: count, time of the last (s)
         self._waiting: dict[str, int] = {}
 
-    async def delay(self, address: str, now: float) -> None:
-        """Wait for the delay of an address after one more wrong token."""
-        before, last = self._wrong.pop(address, (0, now))
+    async def delay(self, key: str, now: float) -> bool:
+        """Wait for the delay of a key after one more wrong token. Return False, at once, if too many are pending."""
+        if self._waiting.get(key, 0) >= _MAX_WAITING:
+            return False
+        before, last = self._wrong.pop(key, (0, now))
         count = before + 1 if now - last < FORGET_AFTER else 1
         while len(self._wrong) >= _MAX_ADDRESSES:
             del self._wrong[next(iter(self._wrong))]  # the oldest entry
-        self._wrong[address] = count, now
-        self._waiting[address] = self._waiting.get(address, 0) + 1
+        self._wrong[key] = count, now
+        self._waiting[key] = self._waiting.get(key, 0) + 1
         try:
             await asyncio.sleep(min(FIRST_WAIT * 2 ** min(count - 1, 30), LONGEST_WAIT))
         finally:
-            self._waiting[address] -= 1
-            if not self._waiting[address]:
-                del self._waiting[address]
-
-    def is_busy(self, address: str) -> bool:
-        """Return whether too many refusals of an address are pending to check another token."""
-        return self._waiting.get(address, 0) >= _MAX_WAITING
+            self._waiting[key] -= 1
+            if not self._waiting[key]:
+                del self._waiting[key]
+        return True
 
 
 class AccessCheck:
-    """The access check of requests. A wrong token is answered after a delay."""
+    """The access check of requests. A wrong token is answered after a delay, a right one at once."""
 
     def __init__(self, access: Access) -> None:
         self._access, self._throttle = access, TokenThrottle()
 
     async def refusal_reason(self, request: Any, origin: str | None, tokens: Sequence[str]) -> str | None:
         """Return why a request or WebSocket of Starlette is refused, or None if it is admitted."""
-        address = request.client.host if request.client else ""
-        if self._throttle.is_busy(address):
-            return "too many wrong tokens; wait a few seconds, and open the page with the address that was printed"
         reason = refusal_reason(self._access, request.headers.get("host"), origin, tokens)
         if reason is not None and reason.startswith(_WRONG_TOKEN):
-            await self._throttle.delay(address, asyncio.get_running_loop().time())
+            address = request.client.host if request.client else ""
+            if not await self._throttle.delay(address, asyncio.get_running_loop().time()):
+                return TOO_MANY_WRONG
         return reason
 
 
@@ -187,11 +198,9 @@ def _authority(origin: str) -> str:
 
 
 def _name(host: str) -> str:
-    """Return the name in a Host header."""
-    try:
-        return urlsplit(f"//{host}").hostname or ""
-    except ValueError:
-        return ""
+    """Return the name in a Host header; nothing for an invalid one."""
+    found = _HOST.fullmatch(host)
+    return "" if found is None else found[1].strip("[]")
 
 
 def _short(text: str | None) -> str:

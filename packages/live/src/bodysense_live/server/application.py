@@ -18,6 +18,7 @@ from bodysense.errors import missing_package
 from bodysense.io.formats.protocol import SUBPROTOCOL
 from bodysense_live.protocols.datagrams import InputLink, MarkerInput, PoseSender, marker_points
 from bodysense_live.protocols.links import DeviceInput, Link, UdpPort
+from bodysense_live.protocols.robots.robot_link import RobotLink
 from bodysense_live.protocols.slimevr_link import SENSORS, SlimevrLink
 from bodysense_live.protocols.solarxr.solarxr_input import InputReader
 from bodysense_live.protocols.solarxr.solarxr_link import SolarxrLink
@@ -122,6 +123,8 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
             links.append(InputLink("markers", port, marker_points(settings.glove_set), protocol))
         if settings.receivers:
             links.append(PoseSender(settings.receivers, metrics))
+        if settings.robot is not None:
+            links.append(RobotLink(settings.robot, metrics))
         if settings.vmt is not None:
             links.append(VmtLink(settings.vmt, metrics, *with_sensors(VmtReader(settings.vmt.devices), SIGNALS)))
         if settings.vrchat is not None:

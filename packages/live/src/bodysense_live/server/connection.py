@@ -28,7 +28,7 @@ async def serve_client(socket: WebSocket, live: Live) -> None:
         hello = await _hello(socket, live)
         if hello is None:
             return
-        slot = await live.admit(hello, queue)
+        slot = await live.admit(hello, queue, socket.client.host if socket.client else "")
         sender = asyncio.create_task(_send(socket, queue))
         await _listen(socket, live, slot, queue, sender)
     except ProtocolError as error:

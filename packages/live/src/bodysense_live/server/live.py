@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import ProtocolError, SignalFrame, write_pose, write_signal, write_truth
+from bodysense_live.security.safety import TOO_MANY_WRONG, TokenThrottle
 from bodysense_live.server.message_text import changed
 from bodysense_live.server.messages import (
     Calibrate,
@@ -73,6 +74,7 @@ class Live:
         self._inputs: dict[Source, SessionSlot] = {}
         self._just_disconnected: set[str] = set()  # session ids of clients that left since the last store
         self._changed = asyncio.Event()  # set if a session must be stored
+        self._throttle = TokenThrottle()  # of sessions' tokens
         self._output_failed = False  # an error was printed
 
     def start(self) -> None:
@@ -117,13 +119,16 @@ class Live:
         replay: tuple[Source, ...] = ("replay",) if self._settings.playable is not None else ()
         return (*replay, *(source for source in self._inputs if source != "replay"))
 
-    async def admit(self, hello: Hello, queue: SendQueue) -> SessionSlot:
-        """Return a session for a client, and welcome the client. Raises ProtocolError if no session is available."""
+    async def admit(self, hello: Hello, queue: SendQueue, address: str = "") -> SessionSlot:
+        """Return a session for a client at an address, and welcome the client.
+
+        Raises ProtocolError if no session is available. A wrong token of a session is answered after a delay.
+        """
         queue.is_watcher = hello.follow is not None
-        slot = await self._resume(hello, hello.resume) if hello.resume is not None else None
+        slot = await self._resume(hello, hello.resume, address) if hello.resume is not None else None
         resumed = slot is not None
         if slot is None:
-            slot = self._watched_slot(hello.follow) if hello.follow is not None else self._new_slot(hello)
+            slot = await self._watched_slot(hello.follow, address) if hello.follow else self._new_slot(hello)
         slot.queues.append(queue)
         if not queue.is_watcher:
             slot.disconnected_at = None
@@ -201,14 +206,22 @@ class Live:
             raise ProtocolError(f"the server has its {self.limits.sessions} sessions already; try again later", 1013)
         self._close(min(disconnected, key=lambda slot: slot.disconnected_at or 0.0))
 
-    def _watched_slot(self, follow: Resume) -> SessionSlot:
+    async def _watched_slot(self, follow: Resume, address: str) -> SessionSlot:
         """Return another client's session, to watch it."""
         slot = self._slots.get(follow.session)
-        if slot is None or not hmac.compare_digest(slot.watch_token.encode(), follow.token.encode()):
+        if slot is None or not await self._is_token(slot.watch_token, follow, address):
             raise ProtocolError("there is no such session to watch, or its token is wrong", 1008)
         return slot
 
-    async def _resume(self, hello: Hello, resume: Resume) -> SessionSlot | None:
+    async def _is_token(self, token: str, given: Resume, address: str) -> bool:
+        """Return whether a client gave a session's token. A wrong one takes time; too many of them are refused."""
+        if hmac.compare_digest(token.encode(), given.token.encode()):
+            return True
+        if not await self._throttle.delay(f"{address} {given.session}", self._loop.time()):
+            raise ProtocolError(TOO_MANY_WRONG, 1008)
+        return False
+
+    async def _resume(self, hello: Hello, resume: Resume, address: str) -> SessionSlot | None:
         """Return the session that a client had, here or in another process; None if it has expired."""
         found = await asyncio.gather(*(store.take(resume) for store in self._stores))
         stored = max((one for one in found if one is not None), key=lambda one: one[0], default=None)
@@ -217,11 +230,7 @@ class Live:
             if slot is not None:
                 self._close(slot, _ELSEWHERE)
             return self._restore(hello, resume, *stored)
-        if (
-            slot is None
-            or slot.source is not None
-            or not hmac.compare_digest(slot.token.encode(), resume.token.encode())
-        ):
+        if slot is None or slot.source is not None or not await self._is_token(slot.token, resume, address):
             return None
         for queue in [one for one in slot.queues if not one.is_watcher]:  # a broken connection that is not detected yet
             queue.close(_ELSEWHERE)

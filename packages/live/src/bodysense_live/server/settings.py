@@ -9,6 +9,7 @@ from pathlib import Path
 from bodysense.body.hands.glove_set import GloveSet, standard_set
 from bodysense.body.person import Person
 from bodysense_live.protocols.datagrams import Receiver
+from bodysense_live.protocols.robots.robot_link import RobotSettings
 from bodysense_live.protocols.slimevr_link import SlimevrSettings
 from bodysense_live.protocols.solarxr.solarxr_link import SolarxrSettings
 from bodysense_live.protocols.steamvr.vmt_link import VmtSettings
@@ -41,4 +42,5 @@ class ServerSettings:
     vmt: VmtSettings | None = None
     vrchat: VrchatSettings | None = None
     slimevr: SlimevrSettings | None = None
+    robot: RobotSettings | None = None
     solarxr: SolarxrSettings | None = None

@@ -28,7 +28,7 @@ from bodysense.io.markers.raw_markers import AXES, Cells, RawMarkers
 
 _LAYOUTS = {"MARKER_NAMES": ("NO_OF_MARKERS", 3), "BODY_NAMES": ("NO_OF_BODIES", 16)}
 _SEGMENT = ("X", "Y", "Z", "QX", "QY", "QZ", "QW")
-_UNIT = 0.01  # how far from 1 the length of a rotation may be
+_UNIT = 0.01  # largest deviation of a rotation's length from 1
 _NAMED = re.compile(r"[A-Z]+(_[A-Z]+)+|FREQUENCY|REFERENCE|SCALE|SOLVER|DESCRIPTION.*|EVENT.*")
 Header = dict[str, list[str]]
 

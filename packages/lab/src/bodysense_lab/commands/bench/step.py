@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import runpy
 import subprocess
+import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from importlib.resources import as_file, files
@@ -17,6 +18,7 @@ from bodysense.body.person import Person
 from bodysense.devices.simulated.device import SensorSetName
 from bodysense.errors import BodysenseError
 from bodysense.observing.observation import Observation
+from bodysense.observing.observation import observe as make_frame
 from bodysense.ranges import Count
 from bodysense_lab.commands.bench.timing import frame_stepper, percentiles, report, resident_memory
 from bodysense_lab.core.options import Json
@@ -26,6 +28,9 @@ if TYPE_CHECKING:
 
 _ROOT = Path(__file__).parents[6]  # of the repository
 _ROUNDS = 1000  # of the products
+_RATE = 72.0  # Hz, of a headset
+_PACED_FRAMES = 300
+_OTHER_WORK = 2**25  # bytes that a frame's other work reads and writes
 
 
 def bench_step(
@@ -37,7 +42,10 @@ def bench_step(
 ) -> None:
     """Time the tracker's whole step frame by frame, for one wearer and for several in a batch.
 
-    floor_ms is the time of one wearer's matrix products in C, for the body and its mirror image. reference_ms is the
+    observe_ms is the time of `bodysense.observe` for head and wrists. hot_ms is the median time of a step after the
+    other, and p50_ms and p99_ms are of these. paced_ms is the median time of steps at 72 Hz, which find their weights
+    evicted from the processor's caches. floor_ms is the time of one wearer's matrix products in C, for the body and its
+    mirror image. reference_ms is the
     time of these products in NumPy, float32. mflop is their number of multiplications and additions for a frame.
 
     Args:
@@ -55,8 +63,10 @@ def bench_step(
     observation = observe(clip.pose, clip.time, SENSOR_SETS[device])
     tracker = Tracker(Person(clip.pose.skeleton), network=None if model is None else load_completion(model))
     one = percentiles(frame_stepper(tracker, observation), frames)
+    paced = _paced(frame_stepper(tracker, observation), min(frames, _PACED_FRAMES))
     batch = percentiles(_together(tracker, observation, people), max(1, frames // 4))
-    numbers = {name: one[name] for name in ("p50_ms", "p99_ms")}
+    numbers = {"observe_ms": percentiles(_observe, frames)["p50_ms"], "hot_ms": one["p50_ms"], "paced_ms": paced}
+    numbers |= {name: one[name] for name in ("p50_ms", "p99_ms")}
     numbers |= {f"batch{people}_ms": batch["p50_ms"] / people, f"batch{people}_p99_ms": batch["p99_ms"] / people}
     memory = resident_memory()  # of the step alone
     with ExitStack() as stack:
@@ -65,6 +75,30 @@ def bench_step(
         numbers |= {"floor_ms": _floor(weights)} | _reference(weights, max(1, frames // 4))
         size = weights.stat().st_size
     report(f"step, {device}", numbers | {"rss_mb": memory, "file_mb": size / 1e6}, json)
+
+
+def _observe(frame: int) -> None:
+    """Make an observation of head and wrists of numbers, as a live loop does."""
+    head, turn = [0.1, 1.6 + 0.001 * (frame % 50), 0.2], [1.0, 0.0, 0.0, 0.0]
+    make_frame(
+        frame / _RATE, {"head": (head, turn), "left_wrist": ([0.4, 1.0, 0.3], None), "right_wrist": (None, turn)}
+    )
+
+
+def _paced(one: Callable[[int], None], frames: int) -> float:
+    """Return the median time in ms of frames at the rate of a headset. Other work of its time fills the caches."""
+    other = np.zeros(_OTHER_WORK // 8)
+    one(0)
+    durations = list[float]()
+    due = time.perf_counter()
+    for frame in range(1, frames + 1):
+        other += 1
+        due += 1 / _RATE
+        time.sleep(max(0.0, due - time.perf_counter()))
+        start = time.perf_counter()
+        one(frame)
+        durations.append(time.perf_counter() - start)
+    return 1000 * float(np.median(durations))
 
 
 def _together(tracker: Tracker, observation: Observation, people: int) -> Callable[[int], None]:

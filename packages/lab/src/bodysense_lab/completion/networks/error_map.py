@@ -10,7 +10,7 @@ import numpy as np
 from bodysense.body.skeleton import BODY
 from bodysense_lab.completion.data.points import BODY_POINTS
 
-MASKS = len(BODY_POINTS) + len(BODY)  # inputs that say what is tracked: positions of 25 points, rotations of 22 joints
+MASKS = len(BODY_POINTS) + len(BODY)  # inputs for tracked points: positions of 25 points, rotations of 22 joints
 POINTS = len(BODY_POINTS)
 LOG_TRACKED_ERROR = math.log(0.001)  # log m; the input for points that are tracked
 # Number of inputs: log expected errors, masks, deviations of the bones, and the log of each joint's disagreement, the

@@ -26,7 +26,7 @@ class InWorld(nn.Module):
     """One body in the world, its head where the measured one is.
 
     z = trust · mean + (trust · deviation + 1 − trust) · noise: with numbers from N(0, I) as noise a sample, at trust 1
-    of the posterior of what is seen, at 0 of the prior; with zeros the mean.
+    of the posterior of the signal, at 0 of the prior; with zeros the mean.
     """
 
     def __init__(self, network: BodyVae) -> None:

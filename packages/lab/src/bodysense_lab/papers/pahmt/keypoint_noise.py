@@ -131,7 +131,7 @@ def _slow(white: np.ndarray, keep: float, axis: int) -> np.ndarray:
 
 
 def _spans(chance: np.ndarray, stay: float, axis: int, rng: np.random.Generator) -> np.ndarray:
-    """Bool of the same shape: on for the share `chance` of the time, in spans that go on with probability `stay`."""
+    """Bool of the same shape: on for the share `chance` of the time, in spans that continue with probability `stay`."""
     share = np.moveaxis(chance, axis, 0)
     enter = np.minimum(share * (1 - stay) / (1 - share), 1.0)
     drawn, on = rng.random(share.shape), np.empty(share.shape, dtype=bool)

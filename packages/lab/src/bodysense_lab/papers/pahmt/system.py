@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
 from bodysense.body.keypoints import ArmKeypoints
@@ -20,6 +22,7 @@ from bodysense_lab.papers.paper_options import PaperOptions, Variant, missing_we
 
 KINDS: tuple[Variant, ...] = ("cnn", "ahmt", "pahmt")
 PACKAGED: Variant = "cnn"
+FOLLOWING = 0.5  # s, standard deviation of the course that a simulated camera follows
 
 
 def complete(opened: Opened, options: PaperOptions) -> Clip:
@@ -31,28 +34,52 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
         raise BodysenseError("--method pahmt: a camera watches; leave --device and --noise out")
     model = _model(options)
     if isinstance(opened, VideoSource):
-        keypoints, skeleton = filmed(opened.name), Person(height=options.height).skeleton
+        keypoints, skeleton = filmed(opened.name, options.landmarkers), Person(height=options.height).skeleton
     elif isinstance(opened, MotionSource):
         clip = opened.clip
         keypoints, skeleton = seen_from_front(clip), clip.pose.skeleton
     else:
         raise BodysenseError(f"{opened.name}: --method pahmt reads videos; give a video, or a motion to film")
+    written = seen_part(keypoints, opened.name)
     frames = Arms(skeleton, model).complete(keypoints)
     assert frames.estimate.pose is not None
-    rate = 1 / float(np.median(np.diff(frames.time))) if len(frames) > 1 else float(model.card["rate"])
-    return at_constant_rate(Clip(opened.name, frames.estimate.pose, rate), frames.time)
+    pose, time = frames.estimate.pose[written], frames.time[written]
+    rate = 1 / float(np.median(np.diff(time))) if len(time) > 1 else float(model.card["rate"])
+    return at_constant_rate(Clip(opened.name, pose, rate), time)
 
 
 def seen_from_front(clip: Clip) -> ArmKeypoints:
-    """Return the key-points of a motion that a camera films from the front, without a detector's errors."""
+    """Return the key-points of a motion that a camera films from the front, without a detector's errors.
+
+    The camera follows the person, as people film: it turns and travels with the course of the last and next second.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
     points = view_points(clip.pose)
-    seen = view(points[None], clip.time, sample_cameras(points[:1], np.random.default_rng(0), FRONT))
-    return ArmKeypoints(seen.time, *(getattr(seen, name)[0] for name in list(vars(seen))[1:]))
+    course = gaussian_filter1d(points, FOLLOWING * clip.frame_rate, axis=0, mode="nearest")
+    cameras = sample_cameras(course, np.random.default_rng(0), FRONT)
+    seen = view(points[:, None], clip.time[:1], cameras)  # a camera a frame
+    return ArmKeypoints(clip.time, *(getattr(seen, name)[:, 0] for name in list(vars(seen))[1:]))
 
 
-def filmed(name: str) -> ArmKeypoints:
-    """Return the key-points of the largest person in a video."""
-    parts = watched(name, find_landmarkers(None), LandmarkerSettings())
+def seen_part(frames: ArmKeypoints, name: str) -> slice:
+    """Return the frames from the first to the last with a person in the picture, and print the share that is seen.
+
+    Raises BodysenseError if nobody is seen.
+    """
+    seen = frames.has_torso | frames.has_arm.any(axis=-1) | frames.has_hand.any(axis=-1)
+    if not seen.any():
+        raise BodysenseError(f"{name}: no person is seen in its {len(seen)} frames; film one person from the front")
+    first, last = int(np.argmax(seen)), len(seen) - int(np.argmax(seen[::-1]))
+    print(f"the person is seen in {seen.mean():.0%} of {len(seen)} frames, arms in {frames.has_arm.mean():.0%}")
+    if last - first < len(seen):
+        print(f"written: frames {first} to {last - 1}; nobody is seen before and after")
+    return slice(first, last)
+
+
+def filmed(name: str, landmarkers: Path | None = None) -> ArmKeypoints:
+    """Return the key-points of the largest person in a video; `landmarkers` is a folder of MediaPipe's networks."""
+    parts = watched(name, find_landmarkers(landmarkers), LandmarkerSettings())
     if not any(part.has_body.any() for part in parts):
         raise BodysenseError(
             f"{name}: no person was found in its {len(parts)} pictures; film one person from the front"

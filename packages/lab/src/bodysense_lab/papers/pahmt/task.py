@@ -199,7 +199,7 @@ def _judged(logit: Tensor, target: float) -> Tensor:
 
 
 def _mean(values: Tensor, known: Tensor) -> Tensor:
-    """The mean of values (B, T, N) of what is known, (B, 1, N)."""
+    """The mean of values (B, T, N) where they are known, (B, 1, N)."""
     return (values * known).sum() / (known.expand_as(values).sum().clamp(min=1))
 
 

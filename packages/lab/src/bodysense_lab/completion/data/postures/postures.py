@@ -322,7 +322,7 @@ def _blend_posture(
         after[:, joint] = quaternion_to_matrix(quaternion_exp(side * angle[:, None])) @ turn @ before[:, joint]
 
     middle = np.median(root[:, [0, 2]], axis=0)
-    place = np.empty_like(root)
+    place = np.zeros_like(root)
     place[:, [0, 2]] = middle + _SWAY * (root[:, [0, 2]] - middle) - posture.back * square[:, [0, 2], 2]
     hips = hips_of(after[:, 0], offset)
     place[:, 1] = posture.height - hips[..., 1].mean(axis=1) + _SWAY * (root[:, 1] - np.median(root[:, 1]))

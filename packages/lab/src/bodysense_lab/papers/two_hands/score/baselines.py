@@ -84,7 +84,7 @@ class AffineState(NamedTuple):
 class AffineCombination:
     """A hidden marker is the affine combination of the known ones that it was in the frame before it was hidden.
 
-    Equations 3 to 8. Weights are those of the frame before the last change of what is known; a marker that comes back
+    Equations 3 to 8. Weights are those of the frame before the last change of known markers; a marker that comes back
     takes part from its second frame on. Coordinates are taken from the known markers' mean, so that nothing depends on
     the origin. Needs one known marker.
     """

@@ -1,0 +1,1 @@
+"""Bodies for programs that drive humanoid robots, by ZeroMQ."""
