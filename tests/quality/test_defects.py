@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +18,8 @@ from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import write_bvh
 from bodysense.io.formats.fbx.motion import parse_fbx
-from bodysense.quality.defects import KINDS, Defect, find_defects
+from bodysense.quality.defects import KINDS, Defect
+from bodysense.quality.defects import find_defects as defects_of
 from bodysense.quality.foot_defects import foot_motion
 
 Make = Callable[[Clip], tuple[Clip, str, int, int]]
@@ -28,6 +29,10 @@ Make = Callable[[Clip], tuple[Clip, str, int, int]]
 def clean() -> Clip:
     clip = packaged_performance()
     return Clip("clean", clip.pose[60:240], clip.frame_rate)
+
+
+def find_defects(clip: Clip, only: Collection[str] = ()) -> list[Defect]:
+    return defects_of(clip.pose, clip.frame_rate, only)
 
 
 def with_rotation(clip: Clip, rotation: np.ndarray) -> Clip:
@@ -165,9 +170,9 @@ def test_repairs_halve_the_error(kind: str, clean: Clip) -> None:
 
 def test_repaired_feet_stand(clean: Clip) -> None:
     made, *_ = slid(clean)
-    assert 100 * foot_motion(made, "right").along[62:88].mean() > 15
+    assert 100 * foot_motion(made.pose, made.frame_rate, "right").along[62:88].mean() > 15
     mended = bs.repair(made, only=["slide"]).take.clip
-    assert 100 * foot_motion(mended, "right").along[62:88].mean() < 2
+    assert 100 * foot_motion(mended.pose, mended.frame_rate, "right").along[62:88].mean() < 2
 
 
 def test_a_file_keeps_every_other_byte(clean: Clip, tmp_path: Path) -> None:

@@ -46,7 +46,7 @@ def check(
     opened = checked_motion(file, reading)
     for line in opened.remarks:
         print(line)
-    defects = find_defects(opened.clip, only)
+    defects = find_defects(opened.clip.pose, opened.clip.frame_rate, only)
     _print(defects, opened.clip)
     _draw(picture, defects, len(opened.clip))
     write_summary(json, [], _values(defects, opened.clip))
@@ -85,7 +85,7 @@ def repair(
     for line in opened.remarks:
         print(line)
     if dry_run:
-        defects: Sequence[Defect] = find_defects(opened.clip, only)
+        defects: Sequence[Defect] = find_defects(opened.clip.pose, opened.clip.frame_rate, only)
         _print(defects, opened.clip)
         _draw(picture, defects, len(opened.clip))
         return

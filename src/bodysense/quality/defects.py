@@ -6,14 +6,14 @@ from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from bodysense.body.pose import Pose
 from bodysense.errors import BodysenseError
-from bodysense.io.clip import Clip
 from bodysense.quality.foot_defects import slides, sunken_feet
 from bodysense.quality.joint_defects import Found, backward_knees, freezes, pops, spikes, swaps
 
 Kind = Literal["spike", "pop", "freeze", "swap", "knee", "slide", "floor"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-FINDERS: dict[Kind, Callable[[Clip], list[Found]]] = {
+FINDERS: dict[Kind, Callable[[Pose, float], list[Found]]] = {
     "spike": spikes,
     "pop": pops,
     "freeze": freezes,
@@ -42,8 +42,8 @@ class Defect:
         return f"{self.kind} of {self.joint} in frames {self.first}-{self.last}: {self.size:.3g} {UNITS[self.kind]}"
 
 
-def find_defects(clip: Clip, only: Collection[str] = ()) -> list[Defect]:
-    """Return the defects of a clip, by first frame; of the kinds `only`, or of all.
+def find_defects(pose: Pose, frame_rate: float, only: Collection[str] = ()) -> list[Defect]:
+    """Return the defects of a motion (T, …) at a frame rate in Hz, by first frame; of the kinds `only`, or of all.
 
     Raises BodysenseError for an unknown kind.
     """
@@ -54,6 +54,6 @@ def find_defects(clip: Clip, only: Collection[str] = ()) -> list[Defect]:
         Defect(kind, joint, first, last, size)
         for kind, finder in FINDERS.items()
         if not only or kind in only
-        for joint, first, last, size in finder(clip)
+        for joint, first, last, size in finder(pose, frame_rate)
     ]
     return sorted(found, key=lambda defect: (defect.first, defect.kind, defect.joint))

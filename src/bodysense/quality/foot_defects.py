@@ -11,9 +11,8 @@ import numpy as np
 
 from bodysense.body.footing import side_clearance
 from bodysense.body.gaps import runs
-from bodysense.body.pose import forward_kinematics
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.geometry.rotation import geodesic_angle
-from bodysense.io.clip import Clip
 
 Found = tuple[str, int, int, float]  # joint, first and last frame, size
 
@@ -28,12 +27,12 @@ USUAL = 25.0  # percentile of the clearance that is the usual floor, if it is be
 LOWEST = 5.0  # percentile of the clearance that is the foot's usual lowest height
 
 
-def slides(clip: Clip) -> list[Found]:
+def slides(pose: Pose, frame_rate: float) -> list[Found]:
     """Return feet, by their ankles, that stand and slide; sizes in cm/s."""
     found: list[Found] = []
     for side in ("left", "right"):
-        motion = foot_motion(clip, side)
-        for first, end in runs(_sliding(motion, clip.frame_rate)):
+        motion = foot_motion(pose, frame_rate, side)
+        for first, end in runs(_sliding(motion, frame_rate)):
             found.append((f"{side}_ankle", first, end - 1, 100 * float(motion.along[first:end].mean())))
     return found
 
@@ -66,14 +65,14 @@ class FootMotion:
         return (self.height < LOW) & (self.up < RISING) & (self.along < SWING)
 
 
-def foot_motion(clip: Clip, side: str) -> FootMotion:
+def foot_motion(pose: Pose, frame_rate: float, side: str) -> FootMotion:
     """Return the motion of the foot of a side, 'left' or 'right'."""
-    place, turn = (np.asarray(part) for part in forward_kinematics(clip.pose))
-    skeleton, frames = clip.pose.skeleton, len(clip)
+    place, turn = (np.asarray(part) for part in forward_kinematics(pose))
+    skeleton, frames = pose.skeleton, len(pose.root_position)
     points = place[:, [skeleton.index(f"{side}_{part}") for part in ("ankle", "foot", "toe")]]
-    velocity = np.gradient(points, axis=0) * clip.frame_rate if frames > 1 else np.zeros_like(points)
+    velocity = np.gradient(points, axis=0) * frame_rate if frames > 1 else np.zeros_like(points)
     ankle, turning = turn[:, skeleton.index(f"{side}_ankle")], np.zeros(frames)
-    turning[1:] = geodesic_angle(ankle[1:], ankle[:-1]) * clip.frame_rate
+    turning[1:] = geodesic_angle(ankle[1:], ankle[:-1]) * frame_rate
     clearance = side_clearance(place, skeleton, side)
     return FootMotion(
         height=clearance - np.percentile(clearance, LOWEST),
@@ -83,12 +82,12 @@ def foot_motion(clip: Clip, side: str) -> FootMotion:
     )
 
 
-def sunken_feet(clip: Clip) -> list[Found]:
+def sunken_feet(pose: Pose, frame_rate: float) -> list[Found]:
     """Return feet, by their ankles, that are through the floor; sizes in cm."""
-    place, found = np.asarray(forward_kinematics(clip.pose)[0]), list[Found]()
-    floor = min(0.0, *(np.percentile(side_clearance(place, clip.pose.skeleton, s), USUAL) for s in ("left", "right")))
+    place, found = np.asarray(forward_kinematics(pose)[0]), list[Found]()
+    floor = min(0.0, *(np.percentile(side_clearance(place, pose.skeleton, s), USUAL) for s in ("left", "right")))
     for side in ("left", "right"):
-        depth = floor - side_clearance(place, clip.pose.skeleton, side)
+        depth = floor - side_clearance(place, pose.skeleton, side)
         for first, end in runs(depth > SUNKEN):
             found.append((f"{side}_ankle", first, end - 1, 100 * float(depth[first:end].max())))
     return found

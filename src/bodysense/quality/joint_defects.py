@@ -12,9 +12,9 @@ from itertools import pairwise
 import numpy as np
 
 from bodysense.body.gaps import runs
+from bodysense.body.pose import Pose
 from bodysense.body.skeleton import BODY
 from bodysense.geometry.rotation import geodesic_angle, quaternion_log, slerp
-from bodysense.io.clip import Clip
 
 Found = tuple[str, int, int, float]  # joint, first and last frame, size
 
@@ -41,9 +41,9 @@ LIMBS = {"arm": ("collar", "shoulder", "elbow", "wrist"), "leg": ("hip", "knee",
 _MIRROR = np.array([1.0, 1.0, -1.0, -1.0])  # of a quaternion, left for right
 
 
-def _rotations(clip: Clip) -> np.ndarray:
+def _rotations(pose: Pose) -> np.ndarray:
     """Return local rotations (T, 22, 4) of the body's joints."""
-    return np.asarray(clip.pose.rotation, dtype=float)[:, clip.pose.skeleton.indices(BODY)]
+    return np.asarray(pose.rotation, dtype=float)[:, pose.skeleton.indices(BODY)]
 
 
 def _steps(rotation: np.ndarray) -> np.ndarray:
@@ -59,9 +59,9 @@ def _largest_beside(steps: np.ndarray, first: int, end: int) -> np.ndarray:
     return beside.max(axis=0) if len(beside) else np.zeros(steps.shape[1])
 
 
-def spikes(clip: Clip) -> list[Found]:
+def spikes(pose: Pose, frame_rate: float) -> list[Found]:
     """Return joints that leave their path for at most `WIDEST` frames and come back; sizes in degrees."""
-    rotation = _rotations(clip)
+    rotation = _rotations(pose)
     steps, frames = _steps(rotation), len(rotation)
     taken = np.zeros(rotation.shape[:2], dtype=bool)
     found: list[Found] = []
@@ -90,11 +90,11 @@ def _candidates(steps: np.ndarray, frames: int, width: int) -> list[int]:
     return starts.tolist()
 
 
-def pops(clip: Clip) -> list[Found]:
+def pops(pose: Pose, frame_rate: float) -> list[Found]:
     """Return joints that jump within a frame and stay there; sizes in degrees."""
-    steps = _steps(_rotations(clip))
-    jumped = {(joint, frame) for joint, first, last, _ in spikes(clip) for frame in (first, last, last + 1)}
-    changes = {frame for _, first, last, _ in swaps(clip) for frame in (first, last + 1)}
+    steps = _steps(_rotations(pose))
+    jumped = {(joint, frame) for joint, first, last, _ in spikes(pose, frame_rate) for frame in (first, last, last + 1)}
+    changes = {frame for _, first, last, _ in swaps(pose, frame_rate) for frame in (first, last + 1)}
     found: list[Found] = []
     for frame in np.flatnonzero((steps > POP).any(axis=1)).tolist():
         beside = _largest_beside(steps, frame, frame + 1)
@@ -104,15 +104,15 @@ def pops(clip: Clip) -> list[Found]:
     return found
 
 
-def freezes(clip: Clip) -> list[Found]:
+def freezes(pose: Pose, frame_rate: float) -> list[Found]:
     """Return joints that hold their rotation while the body moves; sizes in seconds."""
-    steps = _steps(_rotations(clip))
+    steps = _steps(_rotations(pose))
     still = steps < STILL
     still[0] = False
     usual = still[1:].mean(axis=0) if len(still) > 1 else np.ones(still.shape[1])
     others = steps[:, usual < USUALLY_STILL]
     body = np.sort(others, axis=1)[:, -max(1, others.shape[1] // 3) :].mean(axis=1) if others.size else others.sum(1)
-    least = max(2, round(FREEZE * clip.frame_rate))
+    least = max(2, round(FREEZE * frame_rate))
     found: list[Found] = []
     for side, (top, *below) in ((side, limb) for side in ("left", "right") for limb in RESTLESS):
         joint = BODY.index(f"{side}_{top}")
@@ -124,14 +124,14 @@ def freezes(clip: Clip) -> list[Found]:
             with_it = [k for k in (BODY.index(f"{side}_{part}") for part in below) if still[first:end, k].all()]
             with_it = [k for k in with_it if usual[k] < 1]
             for name in (BODY[k] for k in (joint, *with_it)):
-                found.append((name, first, end - 1, (end - first) / clip.frame_rate))
+                found.append((name, first, end - 1, (end - first) / frame_rate))
     return list(dict.fromkeys(found))
 
 
-def swaps(clip: Clip) -> list[Found]:
+def swaps(pose: Pose, frame_rate: float) -> list[Found]:
     """Return limbs, by their left shoulder or hip, that have the other side's motion; sizes in degrees."""
-    rotation = np.asarray(clip.pose.rotation, dtype=float)
-    index, found = clip.pose.skeleton.index, list[Found]()
+    rotation = np.asarray(pose.rotation, dtype=float)
+    index, found = pose.skeleton.index, list[Found]()
     for first_joint, parts in (("shoulder", LIMBS["arm"]), ("hip", LIMBS["leg"])):
         left, right = (rotation[:, [index(f"{side}_{part}") for part in parts]] for side in ("left", "right"))
         same, crossed = _changes(left, right)
@@ -161,13 +161,13 @@ def _between(events: Sequence[int], frames: int) -> list[tuple[int, int]]:
     return shorter if events else []
 
 
-def backward_knees(clip: Clip) -> list[Found]:
+def backward_knees(pose: Pose, frame_rate: float) -> list[Found]:
     """Return knees that bend backward; sizes in degrees."""
-    rotation, found = np.asarray(clip.pose.rotation, dtype=float), list[Found]()
+    rotation, found = np.asarray(pose.rotation, dtype=float), list[Found]()
     for side in ("left", "right"):
         name = f"{side}_knee"
-        bend = np.asarray(quaternion_log(rotation[:, clip.pose.skeleton.index(name)]))[:, 0]
+        bend = np.asarray(quaternion_log(rotation[:, pose.skeleton.index(name)]))[:, 0]
         for first, end in runs(bend < -BACKWARD):
-            if (end - first) / clip.frame_rate >= KNEE:
+            if (end - first) / frame_rate >= KNEE:
                 found.append((name, first, end - 1, float(np.rad2deg(-bend[first:end].min()))))
     return found

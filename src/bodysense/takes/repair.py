@@ -70,7 +70,7 @@ def repair(
     Raises BodysenseError, naming the file and the fix, for a source that is no whole motion, and for unknown kinds.
     """
     opened = checked_motion(source, reading)
-    defects = find_defects(opened.clip, only)
+    defects = find_defects(opened.clip.pose, opened.clip.frame_rate, only)
     holes = _holes(defects, opened.clip)
     partial = open_partial(opened.joint_file or opened.clip, [], opened.options, held=False)
     holes = [replace(hole, name=_own_name(partial, hole.name)) for hole in holes if hole.name in partial.rig.ours]
@@ -78,7 +78,11 @@ def repair(
     completion = Completion(settings, None, False, lambda done, frames: None)
     take = replace(fill_take(partial, completion), source=opened.joint_file, reading=opened.options)
     take = _edited(take, defects)
-    return Repair(take, tuple(defects), tuple(find_defects(take.clip, only or {defect.kind for defect in defects})))
+    return Repair(
+        take,
+        tuple(defects),
+        tuple(find_defects(take.clip.pose, take.clip.frame_rate, only or {defect.kind for defect in defects})),
+    )
 
 
 def checked_motion(source: Source, reading: ReadingOptions = AS_FOUND) -> MotionSource:
@@ -155,7 +159,7 @@ def _unswapped(pose: Pose, defect: Defect, changed: np.ndarray) -> Pose:
 def _held(clip: Clip, side: str, spans: Sequence[tuple[int, int]]) -> np.ndarray:
     """Return shifts (T, 3) m of an ankle that let a sliding foot stand where it stood before, or stands after."""
     place = np.asarray(forward_kinematics(clip.pose)[0])
-    foot = foot_motion(clip, side)
+    foot = foot_motion(clip.pose, clip.frame_rate, side)
     ankle, stands = place[:, clip.pose.skeleton.index(f"{side}_ankle")], foot.stands
     drifts = stands & (foot.along > DRIFT)
     shift, fade = np.zeros_like(ankle), round(FADE * clip.frame_rate)

@@ -143,7 +143,7 @@ def _at_rest(clip: Clip, place: np.ndarray, side: str) -> np.ndarray:
     """Return (T,) bool: the foot stands in truth."""
     foot = place[:, [clip.pose.skeleton.index(f"{side}_{part}") for part in ("ankle", "foot")]]
     speed = np.linalg.norm(np.gradient(foot, axis=0), axis=-1).max(axis=1) * clip.frame_rate
-    return foot_motion(clip, side).stands & (speed < STANDS)
+    return foot_motion(clip.pose, clip.frame_rate, side).stands & (speed < STANDS)
 
 
 def _place(clip: Clip, count: int, rng: np.random.Generator) -> int:

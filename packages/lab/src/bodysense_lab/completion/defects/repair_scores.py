@@ -51,7 +51,7 @@ def _cut(clip: Clip, begin: int) -> Clip:
 
 
 def _score_clip(clip: Clip, rng: np.random.Generator, scores: RepairScores) -> None:
-    clean = find_defects(clip)
+    clean = find_defects(clip.pose, clip.frame_rate)
     scores.frames += len(clip)
     for kind in (*KINDS, "any"):
         scores.flagged[kind] += int(_frames(clip, [one for one in clean if kind in ("any", one.kind)]).sum())
@@ -60,7 +60,7 @@ def _score_clip(clip: Clip, rng: np.random.Generator, scores: RepairScores) -> N
         if made is None:
             continue
         scores.made[kind] += 1
-        defects = find_defects(made.clip, [kind])
+        defects = find_defects(made.clip.pose, clip.frame_rate, [kind])
         if not is_found(made, defects):
             continue
         scores.found[kind] += 1
