@@ -31,7 +31,7 @@ STEPS = {  # command and options: the steps of the two runs
     "train arms --model pahmt": (2, 5),
 }
 WHOLE = {  # command and options, in a folder with the packaged performance
-    "generate": ("-o", "bodies.bvh"),
+    "papers generate": ("-o", "bodies.bvh"),
     "papers track --method two_hands": ("performance.bvh", "-o", "hands.bvh"),
 }
 OUT = {"hmd-vae": "net.pt", "arms": "net.pt", "body-gru": "net.onnx", "gloves": "nets"}  # --out, by the training

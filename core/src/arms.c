@@ -58,6 +58,8 @@ void move_arm(body *b, const tracked *t, const mat3 goal[BODY_JOINTS], const bs_
     task.middle = sub(task.middle, given);
     b->rotation[j->carrier] = turned_onto(b->rotation[j->carrier], before, sub(pulled, collar));
     turn_limb(b, t, limb, solve_limb(&task));
+    learn_hinge(t, limb, goal, &s->hinge);
+    hinge_elbow(b, t, limb, &s->hinge);
 }
 
 mat3 chest_heading(const body *b) {

@@ -3,8 +3,14 @@
 #include "maths.h"
 
 /* A lost wrist or ankle keeps its velocity, which fades in LEAVING s, and is blended into the prediction. Half of the
- * distance remains after KEPT s, of a raised arm's after KEPT_RAISED s of a head that moves. Chosen on validation people. */
-static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F;
+ * distance remains after KEPT s, of a raised arm's after KEPT_RAISED s of a head that moves,
+ * of a resting one's after KEPT_LOW s. Chosen on validation people. */
+static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F, KEPT_LOW = 1.0F;
+
+/* A lost hand that hung and rested stays while the head is still: below the first of an arm's length under the shoulder,
+ * in full from the second less on, up to a speed in m/s. Recorded hands that gesture or swing are higher or faster. Chosen
+ * on scripted scenes: with KEPT_LOW as for other arms a hand rises by 40 cm while the other one reaches up. */
+static const float LOW_HAND = -0.5F, LOWER = 0.2F, HANGS = 0.3F;
 
 /* m/s: largest speed difference between a hand and its goal when it is found or lost. Feet swing too fast for it. */
 static const float STEEPEST_ARM = 3.0F;
@@ -42,8 +48,10 @@ static uint8_t seen_by(const tracked *t, int limb) {
 static float kept_share(const limb_task *task, const tracked *t, int limb, limb_state *l) {
     float height = l->end_kept.y / (length(task->upper) + length(task->lower));
     float raised = is_leg(limb) ? 0.0F : fminf(fmaxf((height + 0.1F) / 0.4F, 0.0F), 1.0F);
-    float half = is_leg(limb) ? KEPT_LEG : KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * raised;
-    l->waned += t->interval + (t->waning - t->interval) * raised;
+    float low = fminf(fmaxf((LOW_HAND - height) / LOWER, 0.0F), 1.0F);
+    float rests = is_leg(limb) ? 0.0F : low * fmaxf(1.0F - length(l->end_leaving) / HANGS, 0.0F);
+    float half = is_leg(limb) ? KEPT_LEG : KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * raised + (KEPT_LOW - KEPT_ARM) * rests;
+    l->waned += t->interval + (t->waning - t->interval) * fmaxf(raised, rests);
     float u = l->waned / half;
     return power_of_two(-u * u / (1.0F + u) * 2.0F);
 }

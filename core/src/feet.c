@@ -68,6 +68,7 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
             drop *= clamp((contact - RELEASE) / (SURE - RELEASE), 0.0F, 1.0F);
         }
         if (hovering > 0.0F) drop = fmaxf(drop, upright * hovering); /* nobody who stands hovers with both feet */
+        if (!f->seen) drop = fmaxf(drop, f->kneels * fmaxf(height_over(f, floor, sole), 0.0F));
         bool rests = f->ankle_contact >= (s->stood > 0.0F ? FLAT_UNTIL : HOLD) && !f->seen;
         s->stood = rests ? s->stood + interval : 0.0F;
         s->held = (uint8_t)part[k];
@@ -77,6 +78,7 @@ void hold_feet(const foot foot[2], float floor, float interval, float upright, f
         if (f->seen) {
             s->slide = vec(0, 0, 0);
             s->drop = 0.0F;
+            if (!f->met) move[k].y = clamp(floor - f->ankle.y, 0.0F, 2.0F * REACH); /* an ankle that is eased */
             continue;
         }
         move[k] = vec(slide.x, -s->drop, slide.z);

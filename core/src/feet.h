@@ -10,6 +10,8 @@ typedef struct foot {
     float ankle_rest, ball_rest;    /* m, heights over the floor in the rest pose */
     float ankle_contact, ball_contact; /* probability */
     bool seen;                      /* a point of the foot is measured: it is where it is */
+    bool met;                       /* the ankle is where it is measured */
+    float kneels;                   /* 1 if the knee is on the floor and the shin with it, 0 if the foot may stand */
 } foot;
 
 /* How far (m) to move each foot so that it stands still, on the floor and not under it.

@@ -12,6 +12,9 @@ static const float SETTLE = 0.06F;     /* s in which half of what a standing pel
 static const float LOW_HEAD = 0.71F;    /* of a standing head's height: a lower head sits low, kneels or lies */
 static const float SEATED = 0.76F;     /* of it: a higher head stands, or sits on a chair */
 static const float STRETCHED = 0.92F;  /* of it: a body lands from a jump with a head that is higher */
+static const float KNEELS = 0.12F, MAY_STAND = 0.2F; /* m over the floor: a knee below lies there with its shin, one above may carry */
+static const float STEEP = 0.1F; /* of a shin's length along the floor: a steeper one is laid backward */
+static const float LOW_PELVIS = 0.75F, BOWS = 0.85F; /* of a standing pelvis's height: whoever bows keeps it higher, whoever sits lower */
 static const float STEADY = 0.7F;      /* m/s: a head that moves faster up or down belongs to a body that jumps */
 static const float FALLING = 2.0F;     /* m/s, of a head that goes down below that: a slower one sits down or crouches */
 
@@ -66,6 +69,8 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
 static float uprightness(const body *b, const tracked *t, const pose_state *s) {
     float tall = standing_height(t, HEAD), high = b->point[HEAD].y - t->floor;
     float risen = fminf(fmaxf((high / tall - LOW_HEAD) / (SEATED - LOW_HEAD), 0.0F), 1.0F);
+    float carried = (b->point[PELVIS].y - t->floor) / standing_height(t, PELVIS);
+    risen = fmaxf(risen, fminf((carried - LOW_PELVIS) / (BOWS - LOW_PELVIS), 1.0F));
     float fastest = s->head_speed.y < 0.0F && high < STRETCHED * tall ? FALLING : STEADY;
     float calm = fminf(fmaxf((fastest - fabsf(s->head_speed.y)) / (0.5F * fastest), 0.0F), 1.0F);
     return high > tall + 0.03F ? 0.0F : risen * calm;
@@ -88,6 +93,30 @@ static void flatten_foot(body *b, const tracked *t, int ankle, int ball, float b
     vec3 turn = turn_between(b->rotation[ankle], flat);
     b->rotation[ankle] = turned_by(b->rotation[ankle], turn);
     if (!known_rotation(t, ball)) b->rotation[ball] = turned_by(b->rotation[ball], turn);
+}
+
+/* Lay a shin on the floor whose ankle would be lower than `least` (m, from the hip): back from the knee if it is steep. */
+static two_bones lay_shin(two_bones to, vec3 back, float least) {
+    vec3 shin = sub(to.end, to.middle);
+    float size = length(shin), up = fminf(fmaxf(least - to.middle.y, -size), size);
+    if (to.end.y >= least) return to;
+    vec3 level = unit(add(vec(shin.x, 0, shin.z), scale(back, STEEP * size)));
+    to.end = add(to.middle, along(scale(level, sqrtf(size * size - up * up)), UP, up));
+    return to;
+}
+
+/* Turn a bone of a foot up so that its end is not under the floor. */
+static void turn_up(body *b, const tracked *t, int joint, vec3 start, int end) {
+    vec3 bone = rotate(b->rotation[joint], t->rest_offset[end]);
+    float least = t->floor - start.y, size = length(bone);
+    bool measured = t->has_position[end] && t->position[end].y < t->floor;
+    if (bone.y >= least || least >= size || known_rotation(t, joint) || measured) return;
+    vec3 level = unit(vec(bone.x, 0, bone.z));
+    vec3 raised = along(scale(level, sqrtf(size * size - least * least)), UP, least);
+    vec3 turn = turn_between(b->rotation[joint], turned_onto(b->rotation[joint], bone, raised));
+    b->rotation[joint] = turned_by(b->rotation[joint], turn);
+    int next = end < BODY_JOINTS && !known_rotation(t, end) ? end : joint;
+    if (next != joint) b->rotation[next] = turned_by(b->rotation[next], turn);
 }
 
 void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[BODY_JOINTS],
@@ -116,6 +145,9 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         f->ankle_contact = p->contact[k];
         f->ball_contact = p->contact[2 + k];
         f->seen = t->has_position[j->end] || t->has_position[ball] || t->has_position[toe];
+        f->met = t->has_position[j->end] && !easing(&s->limb[LEFT_LEG + k].end);
+        float knee = b->point[j->start].y + to.middle.y - t->floor;
+        f->kneels = fminf(fmaxf((MAY_STAND - knee) / (MAY_STAND - KNEELS), 0.0F), 1.0F);
     }
     vec3 move[2] = {{0, 0, 0}, {0, 0, 0}};
     if (settings->hold_feet) hold_feet(feet, t->floor, t->interval, uprightness(b, t, s), s->foot, move);
@@ -142,6 +174,10 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         if (task[k].middle_seen) task[k].middle = sub(task[k].middle, pelvis_shift);
         else keep_forward(&task[k], t, LEFT_LEG + k, b->rotation[LEFT_HIP + k]);
         two_bones to = solve_limb(&task[k]);
+        if (settings->hold_feet && task[k].middle_seen && !task[k].end_seen && !task[k].middle_turned) {
+            float lowest = t->floor + feet[k].kneels * feet[k].ankle_rest; /* legs that stand bob by less than that */
+            to = lay_shin(to, from_heading(vec(0, 0, -1), c, sine), lowest - b->point[LEFT_HIP + k].y);
+        }
         turn_limb(b, t, LEFT_LEG + k, to);
         limb_state *l = &s->limb[LEFT_LEG + k];
         if (task[k].middle_seen || task[k].start_turned || task[k].middle_turned) {
@@ -151,6 +187,12 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
             s->foot[k].slide = add(s->foot[k].slide, vec(refused.x, 0, refused.z));
             s->foot[k].drop -= refused.y;
             move[k] = add(move[k], refused);
+        }
+        if (settings->hold_feet) {
+            int ankle = LIMB[LEFT_LEG + k].end, ball = LEFT_FOOT + k;
+            vec3 start = add(b->point[LEFT_HIP + k], to.end);
+            turn_up(b, t, ankle, start, ball);
+            turn_up(b, t, ball, add(start, rotate(b->rotation[ankle], t->rest_offset[ball])), LEFT_TOE + k);
         }
         l->end_held = move[k];
         l->end_shift = sub(to.end, free[k].end);

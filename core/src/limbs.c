@@ -15,6 +15,13 @@ const limb_joints LIMB[LIMBS] = {
 /* As a share of a limb's length: weight of the natural side in the direction of an unmeasured middle joint. It decides
  * for nearly straight limbs. Chosen on validation people. */
 static const float BENT_ARM = 0.03F, BENT_LEG = 0.1F;
+/* Sine of an elbow's angle: up to the first an arm is too straight to say about which axis it bends, from the second on it
+ * says so. Chosen on validation people, where halves and doubles change elbows by less than 0.1°. */
+static const float STRAIGHT_ARM = 0.1F, BENT = 0.35F;
+/* Sums of a hinge before anything was learned: 11° from the vertical, between CMU's 30° and -8° to 0 of avatars. */
+static const float PRIOR_UPRIGHT = 0.49F, PRIOR_TILTED = 0.1F;
+static const float LEARNING_RATE = 30.0F; /* 1/s */
+static const float MOST_LEARNED = 300.0F; /* as much as 10 s of bent elbows: a session may go on for hours */
 static const float HINGE = 2.0F; /* weight of measured pelvis and foot for a knee, relative to the network */
 
 /* The direction in which a limb's middle joint never goes, turned with the limb from its predicted upper bone. */
@@ -118,6 +125,47 @@ two_bones solve_limb(const limb_task *task) {
     vec3 direction = by_rotation ? task->lower : scale(unit(sub(task->end, middle)), lower);
     two_bones result = {middle, add(middle, direction)};
     return result;
+}
+
+/* The axis about which an elbow bends in the T-pose, across its bone: downward on the left, upward on the right. */
+static vec3 hinge_axis(const tracked *t, int limb, const hinge_state *hinge) {
+    float side = limb == LEFT_ARM ? 1.0F : -1.0F;
+    vec3 axis = vec(0, -side * (hinge->upright + PRIOR_UPRIGHT), side * (hinge->tilted + PRIOR_TILTED));
+    return unit(across(axis, unit(t->rest_offset[LIMB[limb].middle])));
+}
+
+void learn_hinge(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], hinge_state *hinge) {
+    const limb_joints *j = &LIMB[limb];
+    if (known_rotation(t, j->start) || known_rotation(t, j->middle)) return;
+    mat3 bend = product(transpose(rotation[j->start]), rotation[j->middle]);
+    float side = limb == LEFT_ARM ? 1.0F : -1.0F; /* sin(angle) axis = (m - mᵀ) / 2 */
+    float upright = 0.5F * side * (bend.x.z - bend.z.x), tilted = 0.5F * side * (bend.x.y - bend.y.x);
+    float bent = sqrtf(upright * upright + tilted * tilted), share = t->interval * LEARNING_RATE;
+    hinge->upright += share * bent * upright;
+    hinge->tilted += share * bent * tilted;
+    float size = sqrtf(hinge->upright * hinge->upright + hinge->tilted * hinge->tilted);
+    if (size > MOST_LEARNED) {
+        hinge->upright *= MOST_LEARNED / size;
+        hinge->tilted *= MOST_LEARNED / size;
+    }
+}
+
+void hinge_elbow(body *b, const tracked *t, int limb, const hinge_state *hinge) {
+    const limb_joints *j = &LIMB[limb];
+    if (known_rotation(t, j->start) || known_rotation(t, j->middle)) return;
+    vec3 upper = unit(rotate(b->rotation[j->start], t->rest_offset[j->middle]));
+    vec3 lower = rotate(b->rotation[j->middle], t->rest_offset[j->end]);
+    vec3 bends = cross(upper, unit(lower)), axis = rotate(b->rotation[j->start], hinge_axis(t, limb, hinge));
+    float share = fminf(fmaxf((length(bends) - STRAIGHT_ARM) / (BENT - STRAIGHT_ARM), 0.0F), 1.0F);
+    float angle = atan2f(dot(cross(axis, bends), upper), dot(axis, bends));
+    b->rotation[j->start] = turned_by(b->rotation[j->start], scale(upper, share * angle));
+    vec3 straight = rotate(b->rotation[j->start], t->rest_offset[j->end]);
+    mat3 hinged = turned_onto(b->rotation[j->start], straight, lower);
+    vec3 turn = turn_between(b->rotation[j->middle], hinged);
+    b->rotation[j->middle] = turned_by(b->rotation[j->middle], scale(turn, share));
+    /* A turn about the forearm keeps its direction only as a whole. */
+    vec3 now = rotate(b->rotation[j->middle], t->rest_offset[j->end]);
+    b->rotation[j->middle] = turned_onto(b->rotation[j->middle], now, lower);
 }
 
 void turn_limb(body *b, const tracked *t, int limb, two_bones to) {

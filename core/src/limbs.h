@@ -41,6 +41,12 @@ void keep_forward(limb_task *task, const tracked *t, int limb, mat3 thigh);
 /* Middle and end from the start, as far as bones reach. */
 two_bones solve_limb(const limb_task *task);
 
+/* Learn about which axis elbows bend from the predicted rotations of an arm, world ← joint. */
+void learn_hinge(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], hinge_state *hinge);
+
+/* Turn an arm about its upper bone so that its elbow bends about the learned axis only. Places stay. */
+void hinge_elbow(body *b, const tracked *t, int limb, const hinge_state *hinge);
+
 /* Turn the bones of a limb as solved. */
 void turn_limb(body *b, const tracked *t, int limb, two_bones to);
 

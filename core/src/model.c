@@ -319,6 +319,13 @@ static reader opened(const void *file, size_t bytes, kernel kernel) {
     return r;
 }
 
+/* Whether the model card has a member that is true. */
+static bool says(text header, const char *name) {
+    text card, value, word;
+    return member(header, "__metadata__", &card) && card.at && member(card, name, &value) && value.at &&
+           after_string(value, &word) && same(word, "true");
+}
+
 static bs_model loaded(reader *r) {
     bs_model m;
     memset(&m, 0, sizeof m);
@@ -328,6 +335,7 @@ static bs_model loaded(reader *r) {
     m.hidden = find(r, "body.recurrent.weight_hh_l0").columns;
     m.hand_hidden = find(r, "fingers.recurrent.weight_hh_l0").columns;
     m.hand_features = HAND_FEATURES;
+    m.reads_unplaced_head = says(r->header, "reads_unplaced_head");
     if (r->wrong) return m;
     /* A network that reads more than this library knows of. */
     if (m.features > FEATURES && m.features != FEATURES_ACCELERATION) r->wrong = BS_MODEL_NEWER;

@@ -31,6 +31,7 @@ typedef struct branch {
 struct bs_model {
     uint64_t fingerprint;
     kernel kernel;
+    bool reads_unplaced_head;      /* trained with heads that are turned but have no place */
     int features, hand_features;   /* numbers that the networks read of a body, of a hand */
     int layers, hidden, hand_hidden;
     recurrent layer[MOST_LAYERS], hands;

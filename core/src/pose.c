@@ -9,6 +9,7 @@
 
 #include "arms.h"
 #include "fit.h"
+#include "head.h"
 #include "kinematics.h"
 #include "legs.h"
 #include "offset_decay.h"
@@ -130,6 +131,7 @@ void pose_finish(const tracked *t, pose_state *s, body *out, float off[BS_POINTS
     place_points(out, t->rest_offset, HEAD, out->point[HEAD], BS_POINTS);
     float rate = s->begun ? 1.0F / t->interval : 0.0F;
     s->head_speed = scale(sub(out->point[HEAD], s->point[HEAD]), rate);
+    s->course = next_course(s, t);
     for (int k = 0; k < LIMBS; k++) remember_limb(out, k, t->interval, s->begun, &s->limb[k]);
     for (int j = 0; j < BODY_JOINTS; j++) {
         s->spin[j] = scale(turn_between(s->rotation[j], out->rotation[j]), rate);

@@ -24,6 +24,11 @@ typedef struct limb_state {
     uint8_t pulling; /* which measured joints of the arm pulled it */
 } limb_state;
 
+/* The axis about which elbows bend, as an angle from the vertical in the T-pose: skeletons differ by 30°. */
+typedef struct hinge_state {
+    float upright, tilted; /* sums of its cosine and sine, by how far elbows were bent */
+} hinge_state;
+
 typedef struct foot_state {
     uint8_t held;   /* 0: free, 1: by the ankle, 2: by the ball */
     vec3 anchor;    /* m, from base: where the held part stands */
@@ -59,12 +64,14 @@ typedef struct pose_state {
     ease turn[BODY_JOINTS];        /* rad, world */
     ease head, pelvis;             /* m, world */
     vec3 head_speed;               /* m/s */
+    vec3 course;                   /* unit, horizontal: where a head faces or goes; zero before it is known */
     vec3 pelvis_bent, pelvis_speed; /* m, m/s: the pelvis before legs moved it */
     ease pull;
     vec3 pulled, pulled_speed;     /* m, m/s: by how much measured legs moved the pelvis */
     uint8_t pulling;               /* which measured joints of legs did */
     float standing_drop;           /* m, by how much the pelvis is lowered so that feet reach the floor */
     limb_state limb[LIMBS];
+    hinge_state hinge;
     foot_state foot[2];
     mat3 wrist_kept[2];            /* chest's heading ← wrist when its rotation was last measured */
     float wrist_lost[2];           /* s since then; below 0: never */

@@ -2,6 +2,7 @@
 #include <string.h>
 
 #include "clock.h"
+#include "head.h"
 #include "model.h"
 #include "network.h"
 #include "quaternion.h"
@@ -21,6 +22,7 @@ typedef struct frames {
     tracked *seen;
     prediction *predicted;
     head_frame *head;
+    head_reading *measured;
     body *body;
     float (*finger_error)[2 * HAND_POINTS];
     float **memory;
@@ -50,6 +52,7 @@ static size_t lay_out(const bs_model *model, int people, void *scratch, frames *
     TAKE(seen);
     TAKE(predicted);
     TAKE(head);
+    TAKE(measured);
     TAKE(body);
     TAKE(finger_error);
     TAKE(memory);
@@ -209,9 +212,12 @@ bs_result bs_step(const bs_model *model, const bs_settings *settings, int people
         }
         for (int k = 0; k < people; ++k)
             prepare(model, settings, &observation[k], t, all.interval[k], all.fresh[k], state[k], &all.seen[k]);
+        for (int k = 0; k < people; ++k) all.measured[k] = readable_head(model, &state[k]->pose, &all.seen[k]);
         predict_bodies(model, people, all.seen, all.head, all.memory, all.predicted, all.network);
-        for (int k = 0; k < people; ++k)
+        for (int k = 0; k < people; ++k) {
+            measured_head(all.measured[k], &all.seen[k]);
             pose_body(settings, &all.seen[k], &all.predicted[k], &state[k]->pose, &all.body[k]);
+        }
         complete_fingers(model, people, all.seen, all.head, all.body, all.memory, all.finger_error, all.network);
         for (int k = 0; k < people; ++k) {
             float off[BS_POINTS], confidence[BS_POINTS], bound[BS_POINTS];

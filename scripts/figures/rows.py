@@ -11,8 +11,8 @@ from bodysense.body.arms import HAND_POINTS
 from bodysense.body.hands.glove import ALIGNMENT, MARKERS
 from bodysense.body.hands.hand import FREEDOMS
 from bodysense.body.skeleton import BODY
-from bodysense.cli.samples import generate
 from bodysense.devices.simulated.headset_camera import HeadsetCamera
+from bodysense_lab.commands.paper_bodies import generate
 from bodysense_lab.papers.hmd_vae.frames import HELD_OUT, TRAIN_LENGTH
 from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig
 from bodysense_lab.papers.pahmt.options import ArmNetworkConfig, ArmSchedule
@@ -175,7 +175,7 @@ HOURS = {  # by row: the training or command whose hours it has
     **dict.fromkeys(("2.1", "2.2", "2.3", "2.4", "2.5", "2.6", "2.7"), "train hmd-vae"),
     "2.8": "train hmd-vae --sweep --grid one",
     "2.9": "train hmd-vae --sweep --grid all",
-    "2.11": "generate",
+    "2.11": "papers generate",
     **dict.fromkeys(("3.1", "3.2", "3.5", "3.6"), "train arms --model pahmt"),
     "4.8": "train gloves --form paper --network joints",
     "4.9": "train gloves --form paper",

@@ -28,10 +28,10 @@ def test_a_completed_motion_is_an_animation(tmp_path: Path, motion: Path, run, e
 
 
 def test_samples_and_fingers_are_written_as_animations(tmp_path: Path, motion: Path, run) -> None:
-    options = ("--device", "three_point", "--samples", 2)
-    run("track", motion, *options, "-o", tmp_path / "body.glb")
+    options = ("--device", "three_point", "--count", 2)
+    run("papers", "sample", motion, *options, "-o", tmp_path / "body.glb")
     assert [header(tmp_path / f"body_{k}.glb")["animations"][0]["name"] for k in (1, 2)] == ["body_1", "body_2"]
-    run("track", motion, "--fingers", "synthesize", "-o", tmp_path / "hands.vrma")
+    run("papers", "fingers", motion, "-o", tmp_path / "hands.vrma")
     assert len(header(tmp_path / "hands.vrma")["animations"][0]["channels"]) == 53
 
 

@@ -42,23 +42,16 @@ BAD = {
     "track motion.bvh -o out.bvh --height 1,75": "--height 1,75: give a number in metres, such as 1.75",
     "track motion.bvh -o out.bvh --height=tall": "--height tall: give a number in metres, such as 1.75",
     "track motion.bvh -o out.bvh --height 175": "--height 175: people are 1 to 2.3 m high",
-    "generate -o out.bvh --height 3": "--height 3: people are 1 to 2.3 m high",
+    "papers generate -o out.bvh --height 3": "--height 3: people are 1 to 2.3 m high",
     "track motion.bvh -o out.bvh --device kinect": "--device kinect: give one of four_point, gloves, gloves_imu, head",
     "track motion.bvh -o out.bvh --device None": "--device None: give one of four_point, gloves, gloves_imu, head",
-    "track motion.bvh -o out.bvh --fingers none": "--fingers none: give one of synthesize, tracked",
     "track motion.bvh -o out.bvh --up w": "--up w: give one of -x, -y, -z, x, y, z",
     "track motion.bvh -o out.bvh --seed 1.5": "--seed 1.5: give a whole number",
-    "track motion.bvh -o out.bvh --device three_point --samples 100000000": (
-        "--samples 100000000: give a whole number, 1 to 1000"
-    ),
     "track motion.bvh -o out.bvh --floor low": "--floor low: give a number in metres",
     "track motion.bvh -o out.bvh --floor nan": "floor nan m; give the floor's height in metres",
     "track motion.bvh -o out.bvh --device headset_camera --floor 5": "m below the floor",
     "track motion.bvh -o out.bvh --device head --person me.json --height 1.7": (
         "holds the wearer's height; leave one of both out"
-    ),
-    "track motion.bvh -o out.bvh --device three_point --samples 2 --fingers synthesize": (
-        "leave --fingers synthesize out"
     ),
     "track motion.bvh -o out.bvh --device head --model missing.safetensors": "no such model file",
     "track motion.bvh -o out.bvh --unit cubit": "--unit cubit: give m, cm",
@@ -137,14 +130,14 @@ BAD = {
     # weights, before the motion is completed
     "track motion.bvh -o out.bvh --device head --model text.txt": "text.txt",
     "track motion.bvh -o out.bvh --device head --model folder": "folder",
-    "track motion.bvh -o out.bvh --fingers synthesize --model bytes.npz": "bytes.npz",
-    "track motion.bvh -o out.bvh --device three_point --samples 2 --model text.txt": "text.txt",
-    "generate -o out.bvh --model text.txt": "text.txt",
+    "papers fingers motion.bvh -o out.bvh --network bytes.npz": "bytes.npz",
+    "papers sample motion.bvh -o out.bvh --device three_point --network text.txt": "text.txt",
+    "papers generate -o out.bvh --network text.txt": "text.txt",
     # outputs, before any work
     "track motion.bvh -o /proc/out.bvh": "/proc/out.bvh cannot be written",
     "convert motion.bvh -o /proc/out.glb": "/proc/out.glb cannot be written",
     "simulate motion.bvh -o /proc/out.npz": "/proc/out.npz cannot be written",
-    "generate -o /proc/out.png": "/proc/out.png cannot be written",
+    "papers generate -o /proc/out.png": "/proc/out.png cannot be written",
     "demo motion.bvh -o /proc": "/proc/demo.png cannot be written",
     "demo motion.bvh -o /proc/demo": "/proc/demo: no folder can be made there",
     "demo motion.bvh -o text.txt": "text.txt",
@@ -170,8 +163,8 @@ BAD = {
 _TRACK, _SERVE = "track motion.bvh -o out.bvh", "serve --port 0"
 OUTSIDE = {
     ("0", "-1", "1.5", "1e9", "99999999999", "many"): (
-        f"{_TRACK} --device three_point --samples",
-        "generate -o out.bvh --count",
+        "papers sample motion.bvh -o out.bvh --device three_point --count",
+        "papers generate -o out.bvh --count",
         f"{_SERVE} --sessions",
         f"{_SERVE} --workers",
         "data prepare folder --out out.zarr --workers",
@@ -186,7 +179,7 @@ OUTSIDE = {
     ("-1", "4294967296", "1.5", "any"): (
         f"{_TRACK} --device head --noise --seed",
         "simulate motion.bvh -o out.npz --noise --seed",
-        "generate -o out.bvh --seed",
+        "papers generate -o out.bvh --seed",
     ),
     ("-1", "nan", "inf", "1e9", "long"): ("data fingers -o out.npz --hours",),
     ("0", "-30", "nan", "inf", "1e9", "1e-9", "fast"): (

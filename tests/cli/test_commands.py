@@ -98,7 +98,7 @@ def test_a_network_file_is_used(tmp_path: Path, motion: Path, run) -> None:
 
 def test_samples_of_one_recording(tmp_path: Path, motion: Path, run) -> None:
     run("simulate", motion, "--device", "three_point", "-o", tmp_path / "seen.npz")
-    arguments = ("track", tmp_path / "seen.npz", "--samples", 2)
+    arguments = ("papers", "sample", tmp_path / "seen.npz", "--count", 2)
     run(*arguments, "-o", tmp_path / "a.bvh")
     run(*arguments, "-o", tmp_path / "b.bvh")
     run(*arguments, "-o", tmp_path / "c.bvh", "--seed", 2)

@@ -31,7 +31,7 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("words", "candidates"),
     [
         ("track --dev", ["--device"]),
-        ("track --sa", ["--samples", "--save-person"]),
+        ("track --mi", ["--missing"]),
         ("track --device h", ["head", "headset_camera"]),
         ("data i", ["info"]),
     ],

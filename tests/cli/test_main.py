@@ -47,7 +47,7 @@ def without(source: str, folder: Path, *arguments: str) -> subprocess.CompletedP
             ),
         ),
         ("packages/live", ("serve --port 0",)),
-        (".[networks]", ("generate -o bodies.png",)),
+        (".[networks]", ("papers generate -o bodies.png",)),
         (".[mcap]", ("track one/a.bvh -o a.mcap", "convert one/a.bvh -o a.mcap")),
     ],
 )

@@ -148,8 +148,6 @@ def test_names_units_and_axes(files: Path, motion: Path, gloves: Observation, ru
 def test_wrong_markers_give_one_line(files: Path, motion: Path, refused: Command) -> None:
     out = files / "out.bvh"
     arguments = ("track", files / "gloves.csv", "-o", out)
-    assert "leave --fingers synthesize out" in refused(*arguments, "--fingers", "synthesize")
-    assert "--samples draws from head and hands" in refused(*arguments, "--samples", 2)
     assert "no such model file" in refused(*arguments, "--model", files / "a.onnx")
     assert "0 Hz is no frame rate" in refused(*arguments, "--rate", 0)
     assert refused(*arguments, "--up", "x") == "--up x: of marker files it is one of y, z"

@@ -36,7 +36,7 @@ def test_the_input_is_not_overwritten(tmp_path: Path, motion: Path, refused: Com
 
 def test_the_flag_allows_overwriting(motion: Path, run: Command) -> None:
     before = motion.read_bytes()
-    run("track", motion, "--fingers", "synthesize", "-o", motion, "--overwrite")
+    run("papers", "fingers", motion, "-o", motion, "--overwrite")
     assert motion.read_bytes() != before
 
 
@@ -70,7 +70,7 @@ def test_unsupported_files_are_refused_with_the_fix(tmp_path: Path, motion: Path
 def test_other_motion_files_are_read(tmp_path: Path, motion: Path, run: Command) -> None:
     import numpy as np
 
-    run("track", motion, "--fingers", "synthesize", "-o", tmp_path / "a.glb")
+    run("papers", "fingers", motion, "-o", tmp_path / "a.glb")
     assert "20 frames" in run("simulate", tmp_path / "a.glb", "--device", "three_point", "-o", tmp_path / "b.npz")
     np.savez(tmp_path / "video.npz", poses=np.zeros((12, 72)), transl=np.zeros((12, 3)))
     output = run("track", tmp_path / "video.npz", "--device", "head", "--rate", "25", "-o", tmp_path / "c.bvh")

@@ -45,7 +45,6 @@ def test_the_library_runs_without_the_packages(run: Command) -> None:
         "track",
         "simulate",
         "convert",
-        "generate",
         "data",
     }
 

@@ -134,7 +134,6 @@ def test_a_video_without_a_person_is_refused(
         (("text.mp4",), "text.mp4: not a video that can be read"),
         (("none.mp4",), "none.mp4: no such file"),
         (("text.mp4", "--device", "three_point"), "are not for videos"),
-        (("text.mp4", "--samples", "2"), "are not for videos"),
         (("text.mp4", "--names", "names.json"), "a video; --names: for markers (.c3d"),
         (("text.mp4", "--look-ahead", "3"), "--look-ahead 3: give 0 to 0.5 s"),
         (("text.mp4", "--follow", "0"), "--follow 0: people are numbered from 1"),

@@ -16,6 +16,7 @@ from bodysense_lab.completion.networks.network import CompletionNetwork, orthono
 from bodysense_lab.completion.networks.weights_file import read_weights
 
 from .twin import features
+from .twin.body import Body, empty_body, place
 from .twin.cases import DEVICES, Case, cases, observation_of, person_of
 from .twin.fingers import hand_features, place_hand
 from .twin.layers import FEATURE, branch_of, recurrent_of, rounded, tables
@@ -23,7 +24,6 @@ from .twin.network import Memory, first_memory
 from .twin.points import BODY_POINTS, HAND_JOINTS, HAND_POINTS, HEAD, WRISTS
 from .twin.step import WEIGHTS
 from .twin.tracked import Tracked, choose_base, find_knuckles, gather, imply_rotations
-from .twin.trunk import Body, empty_body, place
 from .twin.vectors import frame_of
 
 ROUNDED = 5e-3  # outputs differ by no more because the core rounds what products read to 16 bits

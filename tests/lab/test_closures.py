@@ -6,7 +6,7 @@ import pytest
 from import_graph import closure, imported, largest_savings
 
 SLACK = 1.1  # the numbers below are at most a tenth above what is measured
-MOST = {"completion.train": 96, "papers.hmd_vae.train": 80, "papers.pahmt.train": 74, "papers.unoc.train": 88}
+MOST = {"completion.train": 109, "papers.hmd_vae.train": 89, "papers.pahmt.train": 82, "papers.unoc.train": 96}
 
 
 @pytest.mark.parametrize("name", MOST)

@@ -19,7 +19,7 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from websockets import WebSocketException
+from websockets import ConnectionClosed, WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
@@ -129,14 +129,18 @@ class Wearer:
     height: float
     welcomes: list[dict[str, Any]] = field(default_factory=list)
     placed: dict[str, Any] = field(default_factory=dict)
-    answered: float = 0.0  # s, time of the last answer
-    longest: float = 0.0  # s between two answers
+    answered: float = 0.0  # s, time of the last answer, or of the last reason
+    longest: float = 0.0  # s between two of them
+    told: list[str] = field(default_factory=list)  # reasons: notices, errors, closing frames
+    frames: Callable[[SignalFrame], list[SignalFrame]] = lambda frame: [frame]  # what is sent for each frame
+    do: Callable[[Any], None] = lambda client: None  # called with the connection before each frame
 
     def wear(self, address: str, over: threading.Event) -> None:
         resume, sequence = None, 0
         while not over.is_set():
             with (
                 suppress(OSError, WebSocketException, TimeoutError),
+                self.reasons(),
                 connect(address, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None, open_timeout=1) as client,
             ):
                 settings = Settings() if resume else Settings(height=self.height, mirror=True)
@@ -146,9 +150,29 @@ class Wearer:
                 if len(self.welcomes) == 1:
                     client.send(write_message(Recentre()))
                 while not over.is_set():
-                    client.send(write_signal(moved(signal_frame(sequence, sequence / 30))))
+                    self.do(client)
+                    for frame in self.frames(moved(signal_frame(sequence, sequence / 30))):
+                        client.send(write_signal(frame))
                     sequence += 1
                     self.read(client, time.monotonic() + 1 / 30)
+
+    @contextmanager
+    def reasons(self) -> Iterator[None]:
+        """Keep the reason for which the server closes the connection."""
+        try:
+            yield
+        except ConnectionClosed as error:
+            if error.rcvd is not None:
+                self.is_told(error.rcvd.reason or str(error.rcvd.code))
+            raise
+
+    def is_told(self, reason: str) -> None:
+        self.told.append(reason)
+        self.is_heard()
+
+    def is_heard(self) -> None:
+        now = time.monotonic()
+        self.longest, self.answered = max(self.longest, now - (self.answered or now)), now
 
     def read(self, client: Any, until: float) -> None:
         while (remaining := until - time.monotonic()) > 0:
@@ -159,9 +183,10 @@ class Wearer:
             if isinstance(received, str):
                 message = json.loads(received)
                 self.placed = message if message["type"] == "placed" else self.placed
+                if message["type"] in ("said", "error"):
+                    self.is_told(message.get("text") or message["reason"])
             elif received[0] == POSE:
-                now = time.monotonic()
-                self.longest, self.answered = max(self.longest, now - (self.answered or now)), now
+                self.is_heard()
 
 
 def moved(frame: SignalFrame) -> SignalFrame:

@@ -22,7 +22,7 @@ import { TakeSource } from "./sources/take_source";
 import { followedBy, Watching } from "./sources/watching";
 import { partOf, type Take } from "./takes/takes";
 import { BridgePanel } from "./ui/bridge_panel";
-import { onFile } from "./ui/drop";
+import { onFiles } from "./ui/drop";
 import { onKeys } from "./ui/keys";
 import { LookPanel } from "./ui/look_panel";
 import { bindPanels } from "./ui/panels";
@@ -145,7 +145,7 @@ export class App {
       repaint();
     };
     bindPanels(["takes", "settings"]);
-    onFile((file) => this.attempt(() => this.open(file)));
+    onFiles((files) => this.attempt(() => this.openAll(files)));
     this.offer("open-performance", () => {
       this.notice.clear();
       return this.perform();
@@ -212,6 +212,7 @@ export class App {
     const missing = await missingForHeadset();
     if (missing) throw new Error(missing);
     await this.headset.enter(mode);
+    this.notice.clear(); // what was said of an earlier session
     this.begin(this.headset);
     this.enteredAt = Date.now();
     if (this.files.about.server) this.bridge.open(socketAddress({ href: this.base }));
@@ -296,7 +297,11 @@ export class App {
       throw new Error("You are marked as sitting: switch that off, stand up, and measure.");
     else {
       this.measuring.start();
-      this.say("Stand upright, arms out to the sides. You are measured as soon as your head is tracked.");
+      this.say(
+        this.headset.isActive
+          ? "Stand upright, arms out to the sides. You are measured as soon as your head is tracked."
+          : "Choose Headset and put it on: you are measured as soon as your head is tracked, upright, arms out to the sides.",
+      );
     }
   }
 
@@ -361,6 +366,11 @@ export class App {
       const { fileAt } = await import("./files/open");
       await this.open(await fileAt(address, this.base));
     }
+  }
+
+  /** Open files one after another: a motion may be dropped together with the avatar that moves by it. */
+  private async openAll(files: readonly File[]): Promise<void> {
+    for (const file of files) await this.open(file);
   }
 
   private async open(file: File): Promise<void> {

@@ -169,6 +169,7 @@ describe("a recording", () => {
 
 describe("anything else that is dropped", () => {
   it.each([
+    ["film.mp4", "pictures", /^film\.mp4 is a film: complete it with `bodysense track film\.mp4 -o body\.bvh`[^\n]*$/],
     ["song.mp3", "la la la", /^song\.mp3 is nothing that this page reads; drop a motion[^\n]*$/],
     ["cut.npz", Uint8Array.from([0x50, 0x4b, 3, 4, 0, 0]), /^cut\.npz cannot be used: it is no \.npz archive[^\n]*$/],
     [

@@ -5,15 +5,13 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import tyro
 
 from bodysense.cli.options import Output, Reading, check_rate
-from bodysense.cli.overwriting import check_apart
 from bodysense.cli.recordings import load_clip, open_motion, open_recorded, person_of
 from bodysense.cli.summary import take_values, write_summary
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
@@ -23,11 +21,10 @@ from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.markers.raw_markers import listed
 from bodysense.io.reading_options import AS_FOUND, given_options
-from bodysense.ranges import Samples, Seed
+from bodysense.ranges import Seed
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
-    from bodysense.sources.open import MotionSource
     from bodysense.sources.partial_motion import PartialMotion
     from bodysense.takes.take import Take
 
@@ -93,7 +90,7 @@ def simulate(
     Console().print(f"wrote {out}: {len(observation)} frames, {tracked:.0%} of points tracked", highlight=False)
 
 
-def track(  # noqa: PLR0915
+def track(
     file: MotionFile,
     out: Output,
     device: DeviceName | None = None,
@@ -105,8 +102,6 @@ def track(  # noqa: PLR0915
     causal: bool = False,
     noise: bool = False,
     model: Path | None = None,
-    fingers: Literal["tracked", "synthesize"] = "tracked",
-    samples: Samples | None = None,
     seed: Seed = 1,
     json: Path | None = None,
     markers: Annotated[MarkerOptions, tyro.conf.OmitArgPrefixes] = NO_OPTIONS,
@@ -136,21 +131,15 @@ def track(  # noqa: PLR0915
         hold_feet: hold standing feet, and keep feet above the floor.
         causal: complete each frame only from the frames before it, like live tracking; else with past and future.
         noise: tracking errors of the simulated device, like those of real devices.
-        model: completion network; the packaged one if omitted. With --samples, a video, or fingers of a motion: the
-            network for that.
-        fingers: 'synthesize' makes plausible fingers from the body's motion; without --device nothing else in a motion
-            changes.
-        samples: number of plausible bodies for one recording of head and wrists, OUT_1.bvh, OUT_2.bvh …, by HMD-VAE.
-        seed: random seed of samples and noise.
+        model: completion network; the packaged one if omitted. With a video: the network for its arms.
+        seed: random seed of the noise.
         json: file for the result as JSON: outputs, frames, height, filled frames of each joint or marker, warnings.
         reading: facts that the file omits. For a recording: --floor, and --height of the wearer, from which other
             proportions are inferred (if omitted, the body is that of the recording, or inferred).
     """
     from rich.progress import Progress
 
-    from bodysense.io.formats.recording import Recording
     from bodysense.io.markers.options import is_marker_file
-    from bodysense.papers.fingers import synthesize
     from bodysense.sources.open import MarkerSource, MotionSource, VideoSource
     from bodysense.takes.take import check_marker_output
     from bodysense.takes.take import track as complete
@@ -159,32 +148,22 @@ def track(  # noqa: PLR0915
 
     markers_out = is_marker_file(out)
     _check_outputs(file, out, None if markers_out else rig, save_person, json)
-    opened = open_recorded(file, reading, markers, fingers=fingers == "synthesize")
+    opened = open_recorded(file, reading, markers)
     if isinstance(opened, VideoSource) and person is not None and str(person).isdecimal() and not person.exists():
         raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
     wearer, seeded = person_of(person, reading.height), seed if noise else None
     if isinstance(opened, VideoSource):
-        if device is not None or fingers == "synthesize" or samples is not None:
-            raise BodysenseError(f"{file}: --device, --fingers and --samples are not for videos")
-        if missing is not None or noise or save_person is not None:
-            raise BodysenseError(f"{file}: --missing, --noise and --save-person are not for videos")
+        if device is not None or missing is not None or noise or save_person is not None:
+            raise BodysenseError(f"{file}: --device, --missing, --noise and --save-person are not for videos")
         settings = TrackerSettings(hold_feet=hold_feet)
         track_video(opened.name, out, video, model, wearer, rig, settings, causal)
         write_summary(json, [out] if video.overlay is None else [out, video.overlay], {})
         return
     if options := given_options(video):
         raise BodysenseError(f"{file}: not a video; {options}: for videos, leave it out")
-    if samples is not None and fingers == "synthesize":
-        raise BodysenseError(f"--samples {samples} draws bodies as they are; leave --fingers synthesize out")
     if markers_out:
-        if fingers == "synthesize" or samples is not None:
-            raise BodysenseError(f"{out}: markers have no fingers to synthesize and no samples; give a .bvh for these")
         check_marker_output(out, opened if isinstance(opened, MarkerSource) else None, rig)
     has_holes = isinstance(opened, MotionSource) and device is None
-    if isinstance(opened, MotionSource) and device is None and missing is None and fingers == "synthesize":
-        _write_with_fingers(opened, out, model)
-        write_summary(json, [out], {})
-        return
     if isinstance(opened, MotionSource) and (device is not None or opened.joint_file is None):
         for line in opened.remarks:
             print(line)
@@ -192,18 +171,6 @@ def track(  # noqa: PLR0915
     is_sized = isinstance(opened, MarkerSource) and opened.recording.known
     height = None if has_holes or is_sized else reading.height
     floor = 0.0 if isinstance(opened, MotionSource) else reading.floor or 0.0  # motions were moved to floor 0
-    if samples is not None:
-        from bodysense.cli.samples import sample_paths, write_samples
-        from bodysense.sources.signals import signal_from
-
-        check_apart(sample_paths(out, samples), file)
-        signal = signal_from(opened, device=device, person=wearer, height=height, noise=seeded)
-        recording = Recording(signal.observation, signal.person.skeleton)
-        written = write_samples(recording, out, samples, seed, model)
-        for path in written:
-            print(f"wrote {path}")
-        write_summary(json, written, {})
-        return
     network = None if model is None else load_completion(model)
     settings = TrackerSettings(floor=floor, hold_feet=hold_feet)
     begun = time.perf_counter()
@@ -222,8 +189,6 @@ def track(  # noqa: PLR0915
             advance=lambda done, frames: progress.update(bar, completed=done, total=frames),
         )
     rate = len(take.time) / (time.perf_counter() - begun)
-    if fingers == "synthesize":
-        take = replace(take, clip=synthesize(take.clip), file=None)
     if take.partial is not None and take.partial.line:
         print(take.partial.line)
     take.save(out, rig)
@@ -315,19 +280,6 @@ def _print_result(take: Take, warnings: tuple[str, ...], markers_out: bool) -> N
         print(_filled_markers_line(take))
     if take.person.bone_deviation.any():
         print(inferred_line(take.person))
-
-
-def _write_with_fingers(opened: MotionSource, out: Path, model: Path | None) -> None:
-    """Write a motion with plausible fingers; everything else is unchanged."""
-    from bodysense.io.motion_files import write_motion
-    from bodysense.papers.fingers import synthesize
-    from bodysense.papers.point_model import load_point_model
-
-    for line in opened.remarks:
-        print(line)
-    clip = synthesize(opened.clip, load_point_model("fingers", model))
-    write_motion(out, replace(clip, name=out.stem))
-    print(f"wrote {out}: {len(clip)} frames with synthesized fingers")
 
 
 def holes_line(partial: PartialMotion) -> str:

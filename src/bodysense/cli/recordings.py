@@ -72,13 +72,8 @@ def person_of(file: Path | None, height: float | None) -> Person | None:
     return None if file is None else Person.load(file)
 
 
-def open_recorded(
-    file: Path, reading: ReadingOptions, markers: MarkerOptions = NO_OPTIONS, fingers: bool = False
-) -> Opened:
-    """Open a user's file, and print remarks on markers and gloves.
-
-    If `fingers` are to be synthesized, files with gloves are refused.
-    """
+def open_recorded(file: Path, reading: ReadingOptions, markers: MarkerOptions = NO_OPTIONS) -> Opened:
+    """Open a user's file, and print remarks on markers and gloves."""
     from bodysense.body.hands.hand import glove_hands
     from bodysense.sources.open import MarkerSource, RecordingSource, open_source
 
@@ -88,11 +83,8 @@ def open_recorded(
             print(line)
         for line in opened.warnings:
             print(f"WARNING: {line}", file=sys.stderr)
-    if isinstance(opened, (MarkerSource, RecordingSource)) and glove_hands(opened.recording.observation.points):
-        if fingers:
-            raise BodysenseError(f"{file}: its gloves have fingers; leave --fingers synthesize out")
-        if isinstance(opened, RecordingSource):
-            _check_gloves(opened.recording.observation, file)
+    if isinstance(opened, RecordingSource) and glove_hands(opened.recording.observation.points):
+        _check_gloves(opened.recording.observation, file)
     return opened
 
 

@@ -1,4 +1,4 @@
-"""The slow twin of the core's step: plain NumPy, written to be read. A module has the name of the core's file.
+"""The slow twin of the core's features, networks and expected errors: plain NumPy, written to be read.
 
-clock → tracked → mounts → proportions → features → network → trunk, legs, feet, arms → fingers → errors
+A module has the name of the core's file. clock → tracked → features → network → fingers → errors
 """

@@ -8,15 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from hypothesis import strategies as st
-from worn_trackers import strapped
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
-from bodysense.geometry.rigid import RigidTransform
-from bodysense.geometry.rotation import normalize, quaternion_exp, quaternion_multiply
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 from bodysense.observing.observation import Observation
 from bodysense.tracking.tracker import TrackerSettings
 from bodysense_lab.completion.kinds.lattice import random_edges
@@ -24,9 +22,8 @@ from bodysense_lab.completion.kinds.lattice import random_edges
 _JOINTS = ("pelvis", "spine3", *(f"{side}_{name}" for side in ("left", "right") for name in ("hip", "knee", "elbow")))
 SETS = {**SENSOR_SETS, "inertial": SensorSet((), _JOINTS)}
 DEVICES = (*SETS, "lattice")  # "lattice": any set of sensors, each of any kind
-KNOWN = ("proportions", "height", "lengths", "mounts", "nothing")
+KNOWN = ("proportions", "height", "lengths", "nothing")
 BODIES = sample_bodies("test", 8)
-STRAPS = ("pelvis", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_elbow", "right_elbow")
 
 
 @dataclass(frozen=True)
@@ -87,15 +84,6 @@ def motion(case: Case) -> Pose:
     return Pose(skeleton, root, rotation)
 
 
-def mounts_of(case: Case) -> dict[str, RigidTransform]:
-    """Mountings of trackers."""
-    rng = np.random.default_rng(case.seed + 2)
-    return {
-        joint: RigidTransform(rng.normal(size=3) * 0.05, normalize(rng.normal(size=4)))
-        for joint in (STRAPS if case.known == "mounts" else ())
-    }
-
-
 def observation_of(case: Case) -> Observation:
     """Return what the device tracks: with noise, and sensors that come and go."""
     rng = np.random.default_rng(case.seed + 1)
@@ -107,9 +95,6 @@ def observation_of(case: Case) -> Observation:
     lost = np.cumsum(rng.random(seen.has_position.shape) < case.loss, axis=0) % 2 == 1
     head = [k for k, name in enumerate(seen.points) if name == "head"]
     lost[:, head] &= (np.arange(case.frames) % 10 < 3)[:, None]
-    whole = [name for k, name in enumerate(seen.points) if (seen.has_position & seen.has_rotation)[:, k].all()]
-    mounts = {joint: mount for joint, mount in mounts_of(case).items() if joint in whole}
-    seen = strapped(seen, mounts)
     return replace(
         seen,
         position=seen.position + rng.normal(size=seen.position.shape) * case.noise,
@@ -129,4 +114,4 @@ def person_of(case: Case) -> Person:
         case "lengths":
             return Person(lengths={("left_elbow", "left_wrist"): 0.26, ("left_hip", "left_knee"): 0.41})
         case _:
-            return Person(mounts=mounts_of(case))
+            return Person()

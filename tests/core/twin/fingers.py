@@ -4,20 +4,33 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from .body import Body
 from .features import FASTEST, MIRROR, USUAL_RATE, Head
 from .layers import FEATURE, STATE, branch_of, recurrent_of, rounded, softplus
 from .network import Memory
 from .points import HAND_JOINTS, HAND_POINTS, HEAD, PARENT, WRISTS
-from .pose import directed
 from .tracked import Tracked
-from .trunk import Body
-from .vectors import frame_of, length
+from .vectors import frame_of, length, mix, turned_onto
 
 SMALLEST_ERROR, ERROR_BIAS = 0.001, -4.0  # m; of the expected error before it is made positive
 BONE_SCALE = 10.0
 SMALLEST_HAND = 1e-3  # m, from wrist to middle finger
 MIDDLE = 3  # of a hand's points: the first joint of the middle finger
+LEAST_DOUBT = 1e-6  # m
 FLIP = [np.ones(3), MIRROR]  # of the left and of the right hand
+
+
+def directed(seen: Tracked, joint: int, child: int, rotation: np.ndarray) -> np.ndarray:
+    """Turn a rotation so that the joint points at its measured child.
+
+    The direction is unreliable if the points' error e is near their distance b, so its weight is b² / (b² + (2 e)²).
+    """
+    if not seen.has_position[joint] or not seen.has_position[child]:
+        return rotation
+    bone = rotation @ seen.rest_offset[child]
+    doubt = 2 * (seen.accuracy[joint] + seen.accuracy[child]) + LEAST_DOUBT
+    trust = bone @ bone / (bone @ bone + doubt**2)
+    return turned_onto(rotation, bone, mix(bone, seen.position[child] - seen.position[joint], trust))
 
 
 def hand_features(

@@ -20,10 +20,8 @@ HAND_POINTS = [
     [*joints, *(at(f"{side}_{finger}_tip") for finger in FINGERS)]
     for side, joints in zip(SIDES, HAND_JOINTS, strict=True)
 ]
-PELVIS, SPINE1, SPINE2, SPINE3, NECK, HEAD = (
-    at(name) for name in ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
-)
-HEAD_TOP, HIPS = at("head_top"), (at("left_hip"), at("right_hip"))
+PELVIS, SPINE3, HEAD, HEAD_TOP = (at(name) for name in ("pelvis", "spine3", "head", "head_top"))
+HIPS = (at("left_hip"), at("right_hip"))
 
 
 def rest_height(rest_offset: np.ndarray, point: int) -> float:

@@ -1,18 +1,20 @@
 """Tracked values of one person in one frame, and rotations that they imply."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from bodysense.geometry.rotation import normalize, quaternion_to_matrix
 from bodysense.observing.observation import Observation
 
-from .points import BODY, HEAD, JOINTS, POINTS, WRISTS, at
-from .vectors import frame_of
+from .points import BODY, HEAD, HEAD_TOP, JOINTS, PELVIS, POINTS, SPINE3, WRISTS, at
+from .vectors import UP, cross, frame_of, length, mix, turned_onto, unit
 
 UNTRACKED = 1e4  # m: the accuracy of a point that is not tracked
 FINEST, COARSEST = 1e-4, 1000.0  # m: no point counts as more accurate, or as less
 FARTHEST = 1000.0  # m/s²: an acceleration beyond is no measurement
+GOES, COURSE = 0.4, 0.5  # m/s from which a head has a course; s in which half of a change of it is followed
+SHORTEST_LINE = 0.1  # m: a shorter line from right to left gives no heading
 
 KNUCKLES = [[at(f"{side}_{name}1") for name in ("index", "middle", "ring", "pinky")] for side in ("left", "right")]
 
@@ -47,9 +49,6 @@ class Tracked:
     has_acceleration: np.ndarray  # (22,) bool
     rest_offset: np.ndarray  # (65, 3) m
     deviation: np.ndarray  # (65,) m
-    stands_in: set[str] = field(default_factory=set)  # limbs whose unmeasured end is replaced by other points
-    waning: float = 0.0  # s by which a raised arm that is lost is nearer to be given up
-    at_once: bool = False  # a point of the body is seen again, and the settings ease nothing
 
     def turned(self, joint: int) -> bool:
         """Whether a joint's rotation is measured or implied."""
@@ -137,3 +136,32 @@ def place_head(seen: Tracked, before: np.ndarray | None) -> None:
     start = np.zeros((POINTS, 3)) if before is None else before
     displacement = (seen.position - start)[seen.has_position]
     seen.position[HEAD] = start[HEAD] + (displacement.mean(axis=0) if len(displacement) else 0)
+
+
+def read_head(seen: Tracked, course: np.ndarray) -> None:
+    """Give a head the rotation that the network reads: none without a place, the likeliest if it is not turned."""
+    if not seen.has_position[HEAD]:
+        seen.has_rotation[HEAD] = False
+        return
+    if seen.has_rotation[HEAD]:
+        return
+    left, right = ([at(f"{side}_{name}") for name in ("hip", "shoulder", "ankle")] for side in ("left", "right"))
+    lines = [
+        seen.position[a] - seen.position[b] for a, b in zip(left, right, strict=True) if seen.has_position[[a, b]].all()
+    ]
+    line = sum(lines, np.zeros(3)) * [1, 0, 1]
+    ahead = unit(cross(line, UP)) if length(line) > SHORTEST_LINE else course if course.any() else np.array([0, 0, 1.0])
+    turned = next((seen.rotation[joint] for joint in (SPINE3, PELVIS) if seen.turned(joint)), None)
+    likely = np.stack([cross(UP, ahead), UP, ahead], axis=1) if turned is None else turned
+    if seen.has_position[HEAD_TOP]:
+        likely = turned_onto(likely, likely @ seen.rest_offset[HEAD_TOP], seen.position[HEAD_TOP] - seen.position[HEAD])
+    seen.rotation[HEAD], seen.has_rotation[HEAD] = likely, True
+
+
+def course_of(seen: Tracked, velocity: np.ndarray, before: np.ndarray) -> np.ndarray:
+    """Return where a head faces, else goes at a velocity (3,) m/s: (3,), horizontal, of length one; zero if unknown."""
+    if seen.has_rotation[HEAD]:
+        turn = seen.rotation[HEAD]
+        return unit(np.array([turn[0, 2] - turn[2, 0], 0, turn[0, 0] + turn[2, 2]]))
+    goes = velocity * [1, 0, 1]
+    return before if length(goes) < GOES else unit(mix(before, unit(goes), 1 - 2 ** (-seen.interval / COURSE)))

@@ -60,7 +60,7 @@ def test_data_info_with_occlusion(two_people: Path, tmp_path: Path, run) -> None
             ("take", "--minutes", 0.1),
             {f"{causal}frames_per_{processor}second" for causal in ("", "causal_") for processor in ("", "processor_")},
         ),
-        (("training", "--steps", 1), {"draw_frames_per_second", "step_frames_per_second"}),
+        (("training", "--steps", 1, "--processes", 1), {"draw_frames_per_second", "step_frames_per_second"}),
         (("import", "--runs", 1), {"package_seconds", "seconds", "numpy_seconds", "torch_imported"}),
     ],
     ids=lambda value: "_".join(map(str, value)) if isinstance(value, tuple) else "",
@@ -78,7 +78,17 @@ def test_benchmarks_write_their_numbers(tmp_path: Path, run, command: tuple[obje
 def test_bench_step_writes_its_numbers(tmp_path: Path, run) -> None:
     run("bench", "step", "--frames", 8, "--people", 2, "--device", "headset_camera", "--json", tmp_path / "a.json")
     numbers = json.loads((tmp_path / "a.json").read_text())
-    times = {"observe_ms", "hot_ms", "paced_ms", "p50_ms", "p99_ms", "batch2_ms", "batch2_p99_ms", "floor_ms", "reference_ms"}
+    times = {
+        "observe_ms",
+        "hot_ms",
+        "paced_ms",
+        "p50_ms",
+        "p99_ms",
+        "batch2_ms",
+        "batch2_p99_ms",
+        "floor_ms",
+        "reference_ms",
+    }
     assert set(numbers) == times | {"processor", "cpu_seconds", "mflop", "rss_mb", "file_mb"}
     assert 0 < numbers["p50_ms"] <= numbers["p99_ms"] and numbers["rss_mb"] > 10 and numbers["file_mb"] > 0.1
     assert 0 < numbers["observe_ms"] < numbers["hot_ms"] == numbers["p50_ms"] and numbers["paced_ms"] > 0

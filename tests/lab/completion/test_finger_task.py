@@ -22,7 +22,7 @@ from bodysense.geometry.rotation import (
     quaternion_to_matrix,
 )
 from bodysense_lab.completion import train as training
-from bodysense_lab.completion.data.batches import HandBatch, SequenceBatch, collate
+from bodysense_lab.completion.data.batches import HandBatch, SequenceBatch, assembled, collate
 from bodysense_lab.completion.data.corpus import Corpus
 from bodysense_lab.completion.data.hands import DrawFingers, TrainingHands, hand_kinematics
 from bodysense_lab.completion.data.points import HAND_JOINTS, HAND_POINTS
@@ -309,7 +309,7 @@ def test_a_clip_without_fingers_has_generated_ones(corpus: Corpus) -> None:
     assert len(one) > 10 and np.isfinite(one.true_position).all()
     assert not np.allclose(one.true_rotation[:10], other.true_rotation[:10])
     task = FingerTask(FingerNetwork(SMALL.network), SMALL, Schedule(), corpus, {}, generated=generated)
-    assert next(task.batches(np.random.default_rng(0))).valid.any()
+    assert assembled(next(task.batches(np.random.default_rng(0)))).valid.any()
 
 
 def test_each_network_is_scored_on_the_person_it_left_out(corpus: Corpus) -> None:

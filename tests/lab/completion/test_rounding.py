@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bodysense.demo import packaged_performance
-from bodysense_lab.completion.data.batches import SequenceBatch
+from bodysense_lab.completion.data.batches import SequenceBatch, assembled
 from bodysense_lab.completion.data.corpus import corpus_of
 from bodysense_lab.completion.data.points import HEAD
 from bodysense_lab.completion.networks.error_map import identity_map
@@ -61,7 +61,7 @@ def batches() -> list[SequenceBatch]:
     network = CompletionNetwork(SMALL)
     config = CompletionTaskConfig(network.config, streams=3, chunk=21)
     task = CompletionTask(network, config, Schedule(), corpus_of([packaged_performance()]), {})
-    return list(itertools.islice(task.batches(np.random.default_rng(4)), 2))
+    return list(map(assembled, itertools.islice(task.batches(np.random.default_rng(4)), 2)))
 
 
 def small_network() -> CompletionNetwork:

@@ -19,7 +19,7 @@ from bodysense.geometry.rotation import geodesic_angle, quaternion_rotate
 from bodysense.io.datasets.splits import split_of
 from bodysense.io.formats.bvh import write_bvh
 from bodysense.observing.observation import INERTIAL_POINTS
-from bodysense_lab.completion.data.batches import collate
+from bodysense_lab.completion.data.batches import assembled, collate
 from bodysense_lab.completion.data.corpus import Corpus
 from bodysense_lab.completion.data.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
 from bodysense_lab.completion.data.sensor_draws import (
@@ -296,7 +296,7 @@ def test_a_teacher_has_a_memory_of_its_own_and_pulls_usual_sequences(corpus: Cor
     config = replace(task.configuration, losses=Losses(stay=1.0))
     task = replace(task, teacher=teacher, configuration=config)
     batches = task.batches(np.random.default_rng(5))
-    first, second = next(batches), next(batches)
+    first, second = assembled(next(batches)), assembled(next(batches))
     assert first.usual.any() and not first.usual.all()
     terms, memory = task.loss(first, None)
     assert memory.shape == (4, 6, 24) and float(terms["stay"].detach()) > 0

@@ -15,6 +15,7 @@ export type Opened =
   | { readonly kind: "recording"; readonly frames: readonly Observation[] }
   | { readonly kind: "avatar"; readonly avatar: Avatar };
 
+const FILM = /\.(mp4|mov|m4v|webm|mkv|avi|gif)$/i;
 const LARGEST = 200; // MB
 const GLB_MAGIC = 0x46546c67; // "glTF", little-endian
 const ZIP_MAGIC = 0x04034b50;
@@ -26,6 +27,10 @@ export async function openFile(
   tree: Skeleton,
 ): Promise<Opened> {
   const { name } = file;
+  if (FILM.test(name))
+    throw new Error(
+      `${name} is a film: complete it with \`bodysense track ${name} -o body.bvh\`, and drop body.bvh here.`,
+    );
   const megabytes = file.size / 1e6;
   if (megabytes > LARGEST)
     throw new Error(
@@ -44,7 +49,7 @@ export async function openFile(
   }
   if (magic === GLB_MAGIC) return openGlb(bytes, name, tree);
   throw new Error(
-    `${name} is nothing that this page reads; drop a motion (.bvh, .glb, AMASS .npz), a recording (.npz, .jsonl) or an avatar (.vrm).`,
+    `${name} is nothing that this page reads; drop a motion (.bvh, .glb, .vrma, AMASS .npz), a recording (.npz, .jsonl) or an avatar (.vrm).`,
   );
 }
 

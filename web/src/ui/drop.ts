@@ -2,7 +2,7 @@
 
 import { element, input } from "../page";
 
-export function onFile(opened: (file: File) => void): void {
+export function onFiles(opened: (files: readonly File[]) => void): void {
   addEventListener("dragover", (event) => {
     event.preventDefault();
     document.body.classList.add("dragging");
@@ -13,13 +13,11 @@ export function onFile(opened: (file: File) => void): void {
   addEventListener("drop", (event) => {
     event.preventDefault();
     document.body.classList.remove("dragging");
-    const file = event.dataTransfer?.files[0];
-    if (file) opened(file);
+    opened([...(event.dataTransfer?.files ?? [])]);
   });
   const chooser = input("file");
   chooser.onchange = () => {
-    const file = chooser.files?.[0];
-    if (file) opened(file);
+    opened([...(chooser.files ?? [])]);
     chooser.value = ""; // so that the same file may be chosen again
   };
   element("open-file").onclick = () => chooser.click();

@@ -65,7 +65,12 @@ def completion(run: Flat[CompletionTraining]) -> None:
     if not fabric.is_global_zero:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
-    card |= {"backward": run.backward, "seed": run.schedule.seed, "steps": run.schedule.steps}
+    card |= {
+        "reads_unplaced_head": True,
+        "backward": run.backward,
+        "seed": run.schedule.seed,
+        "steps": run.schedule.steps,
+    }
     body = round_network(body.eval(), run.data, run.limit, run.backward)
     publish(body, fingers.eval(), run.data, run.out, card, run.limit, run.backward)
     print(f"wrote {run.out}")
@@ -309,11 +314,11 @@ def scenes(
         raise BodysenseError(f"--kinds {unknown[0]}: no scene of this kind; give some of {', '.join(KINDS)}")
     track = PeopleTracker(model)
     _ = track.network  # refuse other files before any work
+    headsets = {} if headset is None else dict(score_headsets(headset, track))  # first: it refuses other folders
     chosen = kinds or tuple(KINDS)
     todo = scene_jobs(split, chosen, scenes)
     done = parallel_map(SceneWork(track, sets or tuple(SETS)), todo, jobs or os.cpu_count() or 1)
     scored = merge_scores(with_progress_bar(done, "scored", len(todo)))
-    headsets = {} if headset is None else dict(score_headsets(headset, track))
     console = wide_console()
     for report in scene_reports(scored, headsets, f"{split}, {scenes} of each kind"):
         print_report(report, console)

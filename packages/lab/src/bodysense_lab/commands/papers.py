@@ -17,6 +17,7 @@ from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.ranges import Seed
+from bodysense_lab.commands.paper_bodies import fingers, generate, sample
 from bodysense_lab.core.options import Output, check_ending
 from bodysense_lab.papers.paper_options import Method, PaperOptions, Variant
 
@@ -27,8 +28,8 @@ if TYPE_CHECKING:
 def commands() -> SubcommandApp:
     """Return the group's commands."""
     group = SubcommandApp()
-    group.command(track)
-    group.command(calibrate_hands)
+    for command in (track, calibrate_hands, generate, sample, fingers):
+        group.command(command)
     return group
 
 

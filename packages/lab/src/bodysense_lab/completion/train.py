@@ -15,11 +15,13 @@ from bodysense_lab.completion.data.corpus import Corpus, read_corpus
 from bodysense_lab.completion.networks.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.networks.network import CompletionNetwork
 from bodysense_lab.completion.score.finger_errors import finger_validation
+from bodysense_lab.completion.training.drawing import Drawing
 from bodysense_lab.completion.training.losses import Losses
 from bodysense_lab.completion.training.options import FINGER_SCHEDULE, CompletionTraining, FingerTraining
 from bodysense_lab.completion.training.task import (
     CompletionTask,
     CompletionTaskConfig,
+    CorpusSampler,
     FingerTask,
     FingerTaskConfig,
     validation_batches,
@@ -55,7 +57,13 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
         fabric.to_device(teacher)
     validation = validation_batches(val, _VALIDATION_STRIDE, options.backward)
     source = options.trial_settings or None
-    task = CompletionTask(network, config, options.schedule, train, validation, source, teacher=teacher)
+    drawing = None
+    if options.draw_processes:
+        sampler = CorpusSampler(options.data, options.limit, options.backward)
+        drawing = Drawing(sampler, options.folder / "ring", options.draw_processes, options.plays)
+    task = CompletionTask(
+        network, config, options.schedule, train, validation, source, drawing=drawing, teacher=teacher
+    )
     fit(task, options.folder / "completion.ckpt", fabric=fabric)
     network = network.cpu()
     if options.keep:

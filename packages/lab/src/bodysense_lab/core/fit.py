@@ -24,6 +24,7 @@ from torch import Tensor, nn
 from torch.optim import AdamW, Optimizer
 from torch.optim.swa_utils import AveragedModel
 
+from bodysense.errors import BodysenseError
 from bodysense_lab.core.checkpoint import identity, load_checkpoint, save_checkpoint
 from bodysense_lab.core.options import Run
 from bodysense_lab.core.precision import layer_precision
@@ -265,16 +266,21 @@ def process_seed(seed: int, rank: int) -> int:
     return seed + 1_000_003 * rank
 
 
-def launch_fabric(devices: int = 1, nodes: int = 1) -> Fabric:
-    """Return Fabric, launched on the devices of this process; all processes of a run share one folder."""
-    fabric = Fabric(accelerator="auto", devices=devices, num_nodes=nodes, precision="32-true")
+def launch_fabric(devices: int = 1, nodes: int = 1, device: str = "auto") -> Fabric:
+    """Return Fabric, launched on the devices of this process; all processes of a run share one folder.
+
+    Raises BodysenseError if `device` is `cuda` and there is none.
+    """
+    if device == "cuda" and not torch.cuda.is_available():
+        raise BodysenseError("--device cuda: PyTorch finds no such device; give --device cpu, or leave it out")
+    fabric = Fabric(accelerator=device, devices=devices, num_nodes=nodes, precision="32-true")
     fabric.launch()
     return fabric
 
 
 def announce_run(run: Run, task: type[Task]) -> Fabric:
     """Launch Fabric for a run and print its device and precision, before data is read."""
-    fabric = launch_fabric(run.devices, run.nodes)
+    fabric = launch_fabric(run.devices, run.nodes, run.device)
     fabric.print(f"training on {describe_machine(fabric, task.mixed)}", flush=True)
     return fabric
 

@@ -62,6 +62,8 @@ class Run:
     """number of clips of each split for a trial, spread evenly; all if omitted. A trial has 4 steps without --steps"""
     threads: Processes | None = None
     """PyTorch threads; its own choice if omitted"""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """kind of the devices that train; an accelerator if there is one, if omitted"""
     devices: Processes = 1
     """accelerators that share the training, or processes on a machine without them"""
     nodes: Processes = 1

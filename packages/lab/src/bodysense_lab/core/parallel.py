@@ -9,6 +9,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import get_context, parent_process
+from queue import Queue
 from threading import Thread
 from typing import Any, TypeVar
 
@@ -45,7 +46,7 @@ def parallel_map(
 def worker_pool(jobs: int | None, begin: Callable[[], object] | None = None) -> ProcessPoolExecutor:
     """Return a pool of `jobs` processes (None: one for each core) that end with this one; each calls `begin` first."""
     # Spawned, not forked: a fork of a process that has threads (a progress bar, BLAS, PyTorch) can hang.
-    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_end_with_parent, initargs=(begin,))
+    return ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_begin_worker, initargs=(begin,))
 
 
 @contextmanager
@@ -70,16 +71,43 @@ def _workers(jobs: int, scheduler: str | None) -> Iterator[tuple[Callable[..., A
         yield partial(client.submit, pure=False), max(1, sum(cores.values()))
 
 
-def _end_with_parent(begin: Callable[[], object] | None) -> None:
+def prefetched(items: Iterable[Item], count: int = 2) -> Iterator[Item]:
+    """Yield items that a thread takes from an iterable in advance, up to `count` of them."""
+    waiting: Queue[tuple[Item | None, BaseException | None]] = Queue(count)
+
+    def take() -> None:
+        try:
+            for item in items:
+                waiting.put((item, None))
+        except BaseException as error:
+            waiting.put((None, error))
+        else:
+            waiting.put((None, StopIteration()))
+
+    Thread(target=take, daemon=True).start()
+    while True:
+        item, error = waiting.get()
+        if isinstance(error, StopIteration):
+            return
+        if error is not None:
+            raise error
+        yield item  # type: ignore[misc]
+
+
+def _begin_worker(begin: Callable[[], object] | None) -> None:
+    end_with_parent()
+    if begin is not None:
+        begin()
+
+
+def end_with_parent() -> None:
     """End this worker process when its parent ends, because a killed parent does not shut its pool down."""
     parent = parent_process()
     if parent is None:
-        raise RuntimeError("_end_with_parent: this process is not a worker; use it as a pool's initializer")
+        raise RuntimeError("end_with_parent: this process is not a worker; call it in a worker process")
 
     def watch() -> None:
         parent.join()
         os._exit(1)
 
     Thread(target=watch, daemon=True).start()
-    if begin is not None:
-        begin()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import math
 import socket
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
@@ -20,6 +21,7 @@ from bodysense_live.server.live import Live
 from bodysense_live.server.messages import Calibrate, Recentre, Source
 from bodysense_live.server.metrics import Metrics
 from bodysense_live.sessions.answer import Answer
+from bodysense_live.sessions.signal_clock import SHORTEST_STEP
 from bodysense_live.sessions.tracked_devices import DeviceReader
 
 GROUP_TIME = 0.002  # s; packets within this time share a frame
@@ -74,6 +76,7 @@ class DeviceInput(asyncio.DatagramProtocol):
         self.state: Any = reader.start()
         self._flush_timer: asyncio.TimerHandle | None = None  # runs while a frame waits for further packets
         self._sequence = 0
+        self._frame_time = -math.inf  # s, of the last frame
         self._rate = RateLimit(MAX_PACKETS, 0.0)
 
     def datagram_received(self, data: bytes, addr: Any) -> None:
@@ -107,8 +110,10 @@ class DeviceInput(asyncio.DatagramProtocol):
         now = asyncio.get_running_loop().time()
         observation = self._reader.observation(now, self.state)
         if observation is not None:
+            # All packets of one turn of the event loop have its time; the newest must not seem to be late.
+            self._frame_time = max(now, self._frame_time + 2 * SHORTEST_STEP)
             self._sequence = (self._sequence + 1) % 2**32
-            self._receive_frame(signal_of(observation, self._points, self._sequence, now))
+            self._receive_frame(signal_of(observation, self._points, self._sequence, self._frame_time))
 
 
 class UdpPort:

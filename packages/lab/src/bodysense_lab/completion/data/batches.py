@@ -46,24 +46,46 @@ class SequenceBatch(NamedTuple):
     hands: HandBatch | None = None
 
 
-def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> SequenceBatch:
-    """Return a batch of `chunk` frames of each sequence, from its start frame on (see `cut_frames`)."""
-    kept = ("position", "has_position", "has_rotation", "acceleration", "has_acceleration")
-    now = cut_frames(pieces, chunk, (*kept, "rotation", "anchor", "true_position", "true_rotation", "contact"))
-    earlier = cut_frames([(one, start - 1) for one, start in pieces], chunk, (*kept[:3], "rotation"))
+class RawBatch(NamedTuple):
+    """Frames of B sequences as they were drawn, which `assembled` completes on the device that trains."""
+
+    parts: dict[str, Tensor]  # frames of the sequences (B, T, ...), and parts of the sequences (B, ...)
+    earlier: dict[str, Tensor]  # the frames before these, of the tracked points
+    begins: Tensor  # (B,) bool
+    hands: HandBatch | None = None
+
+
+_TRACKED = ("position", "has_position", "has_rotation", "acceleration", "has_acceleration")
+_OF_SEQUENCE = ("rest_offset", "certainty", "size", "accuracy", "interval")
+
+
+def cut_batch(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> RawBatch:
+    """Return `chunk` frames of each sequence, from its start frame on (see `cut_frames`)."""
+    now = cut_frames(pieces, chunk, (*_TRACKED, "rotation", "anchor", "true_position", "true_rotation", "contact"))
+    earlier = cut_frames([(one, start - 1) for one, start in pieces], chunk, (*_TRACKED[:3], "rotation"))
     sequences = [one for one, _ in pieces]
-    interval = _stacked(sequences, "interval")[:, None].expand(-1, chunk)
-    anchor = now["anchor"]
-    origin = torch.zeros(*anchor.shape[:2], 3)
-    origin[..., 0], origin[..., 2] = anchor[..., 2], anchor[..., 3]
-    first = torch.tensor([start == 0 for _, start in pieces])
-    has_before = torch.ones(len(pieces), chunk, 1, dtype=torch.bool)
-    has_before[first, 0] = False
+    now |= {name: _stacked(sequences, name) for name in _OF_SEQUENCE}
+    now["usual"] = torch.tensor([one.usual for one in sequences])
+    now["first"] = torch.tensor([start == 0 for _, start in pieces])
+    hands = [(one.hands, start) for one, start in pieces if one.hands is not None]
+    interval = now["interval"][:, None].expand(-1, chunk)
+    return RawBatch(now, earlier, torch.from_numpy(begins), _collate_hands(hands, chunk, interval) if hands else None)
+
+
+def assembled(batch: RawBatch | SequenceBatch) -> SequenceBatch:
+    """Return a batch with matrices and masks, made on the device of the raw one; others are returned unchanged."""
+    if isinstance(batch, SequenceBatch):
+        return batch
+    now, earlier = batch.parts, batch.earlier
+    anchor, chunk = now["anchor"], now["anchor"].shape[1]
+    origin = torch.stack([anchor[..., 2], torch.zeros_like(anchor[..., 2]), anchor[..., 3]], dim=-1)
+    has_before = torch.ones_like(now["valid"])[..., None]
+    has_before[:, :1] &= ~now["first"][:, None, None]
     signal = TrackedSignal(
-        **{name: now[name] for name in kept},
+        **{name: now[name] for name in (*_TRACKED, "rest_offset", "certainty", "size")},
         rotation=quaternion_to_matrix(now["rotation"]),
-        accuracy=_stacked(sequences, "accuracy")[:, None].expand(-1, chunk, -1),
-        interval=interval,
+        accuracy=now["accuracy"][:, None].expand(-1, chunk, -1),
+        interval=now["interval"][:, None].expand(-1, chunk),
         turn=turn_about_up(anchor[..., 0], anchor[..., 1]),
         origin=origin,
         before=Before(
@@ -72,19 +94,22 @@ def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) 
             rotation=quaternion_to_matrix(earlier["rotation"][..., SPIN_INDICES, :]),
             has_rotation=earlier["has_rotation"][..., SPIN_INDICES] & has_before,
         ),
-        **{name: _stacked(sequences, name) for name in ("rest_offset", "certainty", "size")},
     )
-    hands = [(one.hands, start) for one, start in pieces if one.hands is not None]
     return SequenceBatch(
         signal=signal,
         true_position=now["true_position"],
         true_rotation=quaternion_to_matrix(now["true_rotation"]),
         contact=now["contact"].float(),
         valid=now["valid"],
-        begins=torch.from_numpy(begins),
-        usual=torch.tensor([one.usual for one in sequences]),
-        hands=_collate_hands(hands, chunk, interval) if hands else None,
+        begins=batch.begins,
+        usual=now["usual"],
+        hands=batch.hands,
     )
+
+
+def collate(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray) -> SequenceBatch:
+    """Return a whole batch of `chunk` frames of each sequence, from its start frame on."""
+    return assembled(cut_batch(pieces, chunk, begins))
 
 
 def _collate_hands(pieces: list[tuple[TrainingHands, int]], chunk: int, interval: Tensor) -> HandBatch:

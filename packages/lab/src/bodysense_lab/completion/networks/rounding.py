@@ -12,7 +12,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bodysense_lab.completion.data.batches import SequenceBatch
+from bodysense_lab.completion.data.batches import RawBatch, SequenceBatch, assembled
 from bodysense_lab.completion.networks.network import CompletionNetwork
 from bodysense_lab.completion.networks.weights_file import row_step
 
@@ -22,13 +22,13 @@ _STRIDE = 10  # frames between samples; neighbouring frames are alike
 
 
 @torch.no_grad()
-def sample_moments(network: CompletionNetwork, batches: Iterable[SequenceBatch]) -> dict[str, np.ndarray]:
+def sample_moments(network: CompletionNetwork, batches: Iterable[RawBatch | SequenceBatch]) -> dict[str, np.ndarray]:
     """Return second moments (K, K) of the inputs of each large product of the body's network, by parameter.
 
     Every `_STRIDE`-th frame of the sequences and of their mirror images counts. Sequences continue from batch to batch.
     """
     sums, frames, memory = dict[str, np.ndarray](), 0, None
-    for batch in batches:
+    for batch in map(assembled, batches):
         people, length = batch.valid.shape
         features = network.read_both(batch.signal)
         before = network.begin(2 * people) if memory is None else memory

@@ -64,6 +64,10 @@ class CompletionTraining(_FolderRun, Card):
     """weight of the distance to the predictions of --begin-with for usual sensors; 0: none"""
     streams: Count = 96
     """sequences in parallel"""
+    draw_processes: Annotated[int, within(int, 0, 1024)] = 0
+    """processes that draw sequences for the one that trains; 0: it draws them itself"""
+    plays: Count = 1
+    """how often a sequence of DRAW_PROCESSES may be played while new ones are drawn"""
     backward: bool = False
     """train the network that tracks recordings backward in time"""
     finger_steps: Annotated[int, within(int, 0, 10_000_000)] = FINGER_SCHEDULE.steps

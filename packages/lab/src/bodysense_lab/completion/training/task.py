@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,8 @@ from torch import Tensor
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
-from bodysense_lab.completion.data.batches import SequenceBatch, collate, whole_clips
-from bodysense_lab.completion.data.corpus import Corpus
+from bodysense_lab.completion.data.batches import RawBatch, SequenceBatch, assembled, cut_batch, whole_clips
+from bodysense_lab.completion.data.corpus import Corpus, read_corpus
 from bodysense_lab.completion.data.points import JOINTS
 from bodysense_lab.completion.data.postures.postures import low_share, standing_share
 from bodysense_lab.completion.data.postures.upright import stance_shifts
@@ -26,6 +27,7 @@ from bodysense_lab.completion.data.sequences import Sequence, draw_hands, draw_s
 from bodysense_lab.completion.networks.fingers import FingerConfig
 from bodysense_lab.completion.networks.network import CompletionConfig
 from bodysense_lab.completion.score.finger_errors import FingerValidation, predicted_fingers, untracked_distances
+from bodysense_lab.completion.training.drawing import Drawing
 from bodysense_lab.completion.training.losses import (
     FingerLosses,
     Losses,
@@ -36,6 +38,7 @@ from bodysense_lab.completion.training.losses import (
 )
 from bodysense_lab.core.fit import Task, stream_sequences
 from bodysense_lab.core.options import Schedule
+from bodysense_lab.core.parallel import prefetched
 from bodysense_lab.core.precision import layer_autocast
 
 HEADSET_CATEGORIES = ("sit", "talk_gesture", "everyday", "locomotion", "")  # motions of headset wearers; "" is unknown
@@ -81,15 +84,20 @@ class CompletionTask(Task):
     validation: Mapping[str, list[SequenceBatch]]
     source: Mapping[str, Any] | None = None
     precision: torch.dtype | None = None  # of the layers; None: the device's own
+    drawing: Drawing | None = None  # worker processes that draw sequences; None: this process draws them
     teacher: Any = None  # an earlier network, to which predictions for usual sensors stay close; None: without
     mixed = True
 
-    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[RawBatch]:
         """Yield chunks of random sequences, each sequence from its first to its last frame."""
-        return _stream_batches(self._sequence_sampler(rng), self.configuration)
+        if self.drawing is None:
+            return _stream_batches(sequence_sampler(self.corpus, self.configuration.backward, rng), self.configuration)
+        drawn = self.drawing.sequences(int(rng.integers(2**63)))
+        return prefetched(_stream_batches(lambda: next(drawn), self.configuration))
 
-    def loss(self, batch: SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
+    def loss(self, batch: RawBatch | SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
         """Return the losses of a chunk and the memory after it: that of the network, then that of the teacher."""
+        batch = assembled(batch)
         before, layers = self._memory_before(batch, memory), self.network.config.layers
         features = self.network.read(batch.signal)
         with layer_autocast(features.device, self.precision):
@@ -138,27 +146,42 @@ class CompletionTask(Task):
             figures[f"{name}_rotation"] = turned / count
         return _with_score(figures, "cm")
 
-    def _sequence_sampler(self, rng: np.random.Generator) -> Callable[[], Sequence]:
-        """Return a function that draws a sequence.
 
-        Clips are drawn by their length. Clips of standing people are sometimes changed to a rare posture.
-        """
-        seconds = self.corpus.length / self.corpus.rate
-        everyday = np.isin(self.corpus.category, HEADSET_CATEGORIES)
-        weight = seconds * np.where(everyday, 1.0, 0.6) * (1 + low_share(self.corpus))
-        still = seconds * standing_share(self.corpus) ** 2
-        weight, still = weight / weight.sum(), still / max(still.sum(), 1e-9)
-        shifts = stance_shifts(self.corpus)
+def sequence_sampler(corpus: Corpus, backward: bool, rng: np.random.Generator) -> Callable[[], Sequence]:
+    """Return a function that draws a sequence for the body's network.
 
-        def draw() -> Sequence:
-            if rng.uniform() < _SCENE_SHARE:
-                return draw_scene(rng, self.configuration.backward)
-            change_posture = bool(still.any() and rng.uniform() < _POSTURE_SHARE)
-            clip = int(rng.choice(len(weight), p=still if change_posture else weight))
-            shift = 0.0 if change_posture else float(shifts[clip])
-            return draw_sequence(self.corpus, clip, rng, change_posture, self.configuration.backward, shift)
+    Clips are drawn by their length. Clips of standing people are sometimes changed to a rare posture. Some sequences
+    are scripted scenes.
+    """
+    seconds = corpus.length / corpus.rate
+    everyday = np.isin(corpus.category, HEADSET_CATEGORIES)
+    weight = seconds * np.where(everyday, 1.0, 0.6) * (1 + low_share(corpus))
+    still = seconds * standing_share(corpus) ** 2
+    weight, still = weight / weight.sum(), still / max(still.sum(), 1e-9)
+    shifts = stance_shifts(corpus)
 
-        return draw
+    def draw() -> Sequence:
+        if rng.uniform() < _SCENE_SHARE:
+            return draw_scene(rng, backward)
+        change_posture = bool(still.any() and rng.uniform() < _POSTURE_SHARE)
+        clip = int(rng.choice(len(weight), p=still if change_posture else weight))
+        shift = 0.0 if change_posture else float(shifts[clip])
+        return draw_sequence(corpus, clip, rng, change_posture, backward, shift)
+
+    return draw
+
+
+@dataclass(frozen=True)
+class CorpusSampler:
+    """`sequence_sampler` on the cached corpus of a folder or store; it can be pickled."""
+
+    data: Path
+    limit: int | None = None
+    backward: bool = False
+
+    def __call__(self, rng: np.random.Generator) -> Callable[[], Sequence]:
+        """Return a function that draws a sequence of the train split."""
+        return sequence_sampler(read_corpus(self.data, "train", self.limit), self.backward, rng)
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,12 +197,13 @@ class FingerTask(Task):
     generated: np.ndarray | None = None  # (N, 30, 4) generated fingers; None: recorded ones only
     mixed = True
 
-    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[SequenceBatch]:
+    def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[RawBatch]:
         """Yield chunks of random sequences, each sequence from its first to its last frame."""
         return _stream_batches(self._sequence_sampler(rng), self.configuration)
 
-    def loss(self, batch: SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
+    def loss(self, batch: RawBatch | SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
         """Return the losses of both hands in a chunk and the memory after it."""
+        batch = assembled(batch)
         assert batch.hands is not None
         before = _memory_before(self.network, batch, memory)
         with layer_autocast(before.device):
@@ -212,10 +236,10 @@ class FingerTask(Task):
 
 def _stream_batches(
     draw: Callable[[], Sequence], configuration: CompletionTaskConfig | FingerTaskConfig
-) -> Iterator[SequenceBatch]:
+) -> Iterator[RawBatch]:
     """Yield chunks of parallel streams that play whole sequences, one after the other."""
     for pieces, begins in stream_sequences(draw, configuration.streams, configuration.chunk):
-        yield collate(pieces, configuration.chunk, begins)
+        yield cut_batch(pieces, configuration.chunk, begins)
 
 
 def _memory_before(network: Any, batch: SequenceBatch, memory: Tensor | None) -> Tensor:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from bodysense_lab.synthesis.scenes.moves import Draw
 from bodysense_lab.synthesis.scenes.script import ArmPosture
 
@@ -14,7 +16,7 @@ def hanging(draw: Draw) -> PAIR:
     def arm() -> ArmPosture:
         out, ahead = draw.between(0.06, 0.2), draw.between(-0.02, 0.14)
         wrist = (out, -draw.between(0.945, 0.98), ahead)
-        return ArmPosture("gravity", wrist, (0.35, 0.0, -1.0), (-1.0, 0.0, -draw.between(0.0, 0.9)), 0.006, 0.4)
+        return ArmPosture("gravity", wrist, (0.35, 0.0, -1.0), (-1.0, 0.0, -draw.between(0.0, 0.9)), 0.006)
 
     return arm(), arm()
 
@@ -35,11 +37,11 @@ def talking(draw: Draw) -> PAIR:
     """Hands that gesture in front of the body; at times one of them hangs or stays low."""
     first, second = with_controllers(draw)
     lively = draw.between(0.04, 0.1)
-    first = ArmPosture(first.frame, first.wrist, first.elbow, first.palm, lively, 1.0)
+    first = ArmPosture(first.frame, first.wrist, first.elbow, first.palm, lively)
     if draw.chance(0.3):
         second = hanging(draw)[1]
     elif draw.chance(0.7):
-        second = ArmPosture(second.frame, second.wrist, second.elbow, second.palm, lively, 1.0)
+        second = ArmPosture(second.frame, second.wrist, second.elbow, second.palm, lively)
     return (first, second) if draw.chance(0.5) else (second, first)
 
 
@@ -96,15 +98,15 @@ def on_thighs(draw: Draw) -> PAIR:
 
 def guard(draw: Draw) -> PAIR:
     """Fists in front of the face, as in boxing."""
-    one = ArmPosture("chest", (0.22, -0.02, 0.5), (0.5, -1.0, -0.1), (-1.0, 0.0, -0.3), draw.between(0.01, 0.04), 1.0)
-    other = ArmPosture("chest", (0.2, -0.05, draw.between(0.55, 0.9)), one.elbow, one.palm, one.motion, 1.0)
+    one = ArmPosture("chest", (0.22, -0.02, 0.5), (0.5, -1.0, -0.1), (-1.0, 0.0, -0.3), draw.between(0.01, 0.04))
+    other = ArmPosture("chest", (0.2, -0.05, draw.between(0.55, 0.9)), one.elbow, one.palm, one.motion)
     return (one, other) if draw.chance(0.5) else (other, one)
 
 
 def raised(draw: Draw) -> PAIR:
     """One or both hands that reach up or ahead; the other hangs."""
-    ahead = draw.between(0.2, 0.8)
-    wrist = (draw.between(-0.05, 0.4), draw.between(0.1, 0.8), ahead)
+    high, far = np.radians(draw.between(-5, 82)), draw.between(0.7, 1.0)
+    wrist = (draw.between(0.0, 0.45), float(far * np.sin(high)), float(far * np.cos(high)))
     up = ArmPosture("chest", wrist, (0.8, -1.0, -0.3), (-0.3, -0.4, 1.0), 0.01)
     other = up if draw.chance(0.35) else hanging(draw)[0]
     return (up, other) if draw.chance(0.5) else (other, up)

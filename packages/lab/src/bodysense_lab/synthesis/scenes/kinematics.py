@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.ndimage import minimum_filter1d, uniform_filter1d
 
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense_lab.completion.data.postures.limbs import bend_limb, limb_of
-from bodysense_lab.synthesis.scenes.moves import ease, waves
-from bodysense_lab.synthesis.scenes.script import SIDES, SIGN, ArmPosture, Frame, Script
+from bodysense_lab.synthesis.scenes.arms import CHEST_FOLLOWS, bend_arms
+from bodysense_lab.synthesis.scenes.joints import INDEX, Motion, euler, joint_position
+from bodysense_lab.synthesis.scenes.moves import waves
+from bodysense_lab.synthesis.scenes.script import KNEE, SIDES, SIGN, Frame, Script
 
 _CALM = 0.16  # s, time in which the hips go down ahead of the end of a leg's reach
-_KNEE = 0.055  # m, height of a knee on the floor, of the mean adult
-_REACH = 0.985  # of an arm's length; longest distance from the shoulder to the wrist
-_FOLDED = 0.34  # of an arm's length; shortest distance, an elbow bent by 140°
 _HEEL = np.array([0.0, 0.0, -0.045])  # m, from below the ankle to the back of the heel
 _SWAY = {"x": 0.004, "z": 0.006, "tilt": 0.5, "roll": 0.3, "yaw": 0.8, "bend": 0.9, "side": 0.7, "twist": 0.9}
 _HEAD_SWAY = {"gaze_yaw": 2.0, "gaze_pitch": 1.6, "gaze_roll": 1.3}  # degrees
@@ -25,15 +22,6 @@ _MASSES = (
     *((f"{side}_{a}", f"{side}_{b}", 0.45, mass) for side in SIDES
       for a, b, mass in (("hip", "knee", 0.12), ("shoulder", "elbow", 0.028), ("elbow", "wrist", 0.024))),
 )  # fmt: skip
-_INDEX = {name: k for k, name in enumerate(BODY)}
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """World rotations (T, 22, 3, 3) of the joints of `BODY` and path (T, 3) m of the pelvis."""
-
-    rotation: np.ndarray
-    root: np.ndarray
 
 
 def frame_of(offset: np.ndarray) -> Frame:
@@ -53,16 +41,6 @@ def frame_of(offset: np.ndarray) -> Frame:
     )
 
 
-def euler(yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
-    """Return rotations (T, 3, 3): roll about +Z, then pitch about +X (forward), then yaw about +Y; degrees (T,)."""
-    (cy, sy), (cx, sx), (cz, sz) = ((np.cos(a), np.sin(a)) for a in map(np.radians, (yaw, pitch, roll)))
-    turned = np.empty((len(cy), 3, 3))
-    turned[:, 0, 0], turned[:, 0, 1], turned[:, 0, 2] = cy * cz + sy * sx * sz, -cy * sz + sy * sx * cz, sy * cx
-    turned[:, 1, 0], turned[:, 1, 1], turned[:, 1, 2] = cx * sz, cx * cz, -sx
-    turned[:, 2, 0], turned[:, 2, 1], turned[:, 2, 2] = -sy * cz + cy * sx * sz, sy * sz + cy * sx * cz, cy * cx
-    return turned
-
-
 def solve(script: Script, offset: np.ndarray, time: np.ndarray, rng: np.random.Generator) -> Motion:
     """Return the motion of a script on a body with rest offsets (65, 3) m, at times (T,), s."""
     values = script.moves.at(time)
@@ -78,7 +56,7 @@ def solve(script: Script, offset: np.ndarray, time: np.ndarray, rng: np.random.G
     _turn_trunk(rotation, values)
     feet = [_feet(values, side, frame) for side in (0, 1)]
     for k, side in enumerate(SIDES):
-        rotation[:, _INDEX[f"{side}_ankle"]], rotation[:, _INDEX[f"{side}_foot"]] = feet[k][1], feet[k][2]
+        rotation[:, INDEX[f"{side}_ankle"]], rotation[:, INDEX[f"{side}_foot"]] = feet[k][1], feet[k][2]
     hips = offset[1:3]
     from_middle = np.einsum("tij,kj->tki", rotation[:, 0], hips - hips.mean(axis=0))
     way = np.radians(values["yaw"])
@@ -95,31 +73,21 @@ def solve(script: Script, offset: np.ndarray, time: np.ndarray, rng: np.random.G
         middle[:, 1] = _hip_height(values, middle, from_middle, [foot[0] for foot in feet], frame, rate)
         motion = Motion(rotation, middle - rotation[:, 0] @ hips.mean(axis=0))
         _bend_legs(motion, values, middle[:, None] + from_middle, [foot[0] for foot in feet], offset, frame)
-        _bend_arms(motion, script, values, middle, offset, time, noise)
+        bend_arms(motion, script, values, middle, offset, time, noise)
         if iteration == 0:
             apart = _mass_centre(motion, offset) - middle
             shift = -apart * [1.0, 0.0, 1.0] * values["balance"][:, None]
     return motion
 
 
-def joint_position(motion: Motion, offset: np.ndarray, name: str) -> np.ndarray:
-    """Return positions (T, 3) m of a point of the body in a motion."""
-    skeleton = default_skeleton()
-    place, point = motion.root.copy(), skeleton.index(name)
-    while skeleton.parents[point] >= 0:
-        place += motion.rotation[:, skeleton.parents[point]] @ offset[point]
-        point = skeleton.parents[point]
-    return place
-
-
 def _turn_trunk(rotation: np.ndarray, values: dict[str, np.ndarray]) -> None:
     """Turn pelvis, spine, neck and head. The neck follows the trunk, and the head looks where the gaze says."""
     yaw, tilt, roll = values["yaw"], values["tilt"], values["roll"]
     bend, side = values["bend"], values["side"]
-    twist = values["twist"] + 0.22 * values["gaze_yaw"]
+    twist = values["twist"] + CHEST_FOLLOWS * values["gaze_yaw"]
     for name, share in (("pelvis", 0.0), ("spine1", 0.35), ("spine2", 0.7), ("spine3", 1.0)):
         turned = euler(yaw + share * twist, tilt + share * bend, (1 - 0.6 * share) * roll + share * side)
-        rotation[:, _INDEX[name]] = turned
+        rotation[:, INDEX[name]] = turned
     chest_yaw, chest_pitch, chest_roll = yaw + twist, tilt + bend, 0.4 * roll + side
     head_yaw = yaw + values["gaze_yaw"]
     away = values["gaze_pitch"] + 0.35 * chest_pitch - chest_pitch
@@ -127,7 +95,7 @@ def _turn_trunk(rotation: np.ndarray, values: dict[str, np.ndarray]) -> None:
     head_roll = 0.3 * chest_roll + values["gaze_roll"]
     for name, share in (("neck", 0.45), ("head", 1.0)):
         forward = 4.0 if name == "neck" else 0.0
-        rotation[:, _INDEX[name]] = euler(
+        rotation[:, INDEX[name]] = euler(
             chest_yaw + share * (head_yaw - chest_yaw),
             chest_pitch + share * (head_pitch - chest_pitch) + forward,
             chest_roll + share * (head_roll - chest_roll),
@@ -197,7 +165,7 @@ def _bend_legs(
         apart = (of["foot_yaw"] - values["yaw"] + 180) % 360 - 180
         forward = euler(values["yaw"] + 0.5 * apart + SIGN[k] * of["knee_out"], zero, zero) @ [0.0, 0.45, 1.0]
         if of["kneel"].any():
-            knee = np.stack([of["knee_x"], np.full(len(hips), _KNEE * frame.scale), of["knee_z"]], axis=-1)
+            knee = np.stack([of["knee_x"], np.full(len(hips), KNEE * frame.scale), of["knee_z"]], axis=-1)
             there = knee - (hips[:, k] + ankles[k]) / 2
             forward += of["kneel"][:, None] * (there / np.linalg.norm(there, axis=-1, keepdims=True) - forward)
         limb = limb_of("leg", side, offset)
@@ -229,7 +197,7 @@ def _cross_leg(
     motion.rotation[:, limb.first], motion.rotation[:, limb.second] = bent
     follows = bent[1] @ euler(zero, values[f"{side}_plantar"], zero)
     for name in ("ankle", "foot"):
-        joint = _INDEX[f"{side}_{name}"]
+        joint = INDEX[f"{side}_{name}"]
         mixed = motion.rotation[:, joint] + share[..., None] * (follows - motion.rotation[:, joint])
         motion.rotation[:, joint] = _orthonormal(mixed)
 
@@ -240,107 +208,6 @@ def _orthonormal(matrix: np.ndarray) -> np.ndarray:
     y = matrix[..., 1] - (matrix[..., 1] * z).sum(axis=-1, keepdims=True) * z
     y = y / np.linalg.norm(y, axis=-1, keepdims=True)
     return np.stack([np.cross(y, z), y, z], axis=-1)
-
-
-def _bend_arms(
-    motion: Motion,
-    script: Script,
-    values: dict[str, np.ndarray],
-    middle: np.ndarray,
-    offset: np.ndarray,
-    time: np.ndarray,
-    noise: np.ndarray,
-) -> None:
-    """Turn collars, upper arms, forearms and hands to the postures of the arms."""
-    zero = np.zeros(len(time))
-    chest = motion.rotation[:, _INDEX["spine3"]]
-    head = joint_position(motion, offset, "head")
-    yaw = values["yaw"] + values["twist"] + 0.22 * values["gaze_yaw"]
-    upright = euler(yaw, zero, zero)
-    for k, side in enumerate(SIDES):
-        mirror = np.array([SIGN[k], 1.0, 1.0])
-        motion.rotation[:, _INDEX[f"{side}_collar"]] = chest
-        shoulder = joint_position(motion, offset, f"{side}_shoulder")
-        swing = euler(zero, -values[f"{side}_arm_swing"], zero)
-        outward = sum(offset[_INDEX[f"{side}_{name}"]] for name in ("collar", "shoulder")) * [1.0, 0.0, 0.0]
-        level = shoulder - chest @ outward
-        frames = {
-            "gravity": (shoulder, upright @ swing),
-            "chest": (level, chest),
-            "pelvis": (middle, motion.rotation[:, 0]),
-            "head": (head, motion.rotation[:, _INDEX["head"]]),
-            "thigh": (joint_position(motion, offset, f"{side}_hip"), motion.rotation[:, _INDEX[f"{side}_hip"]]),
-            "world": (np.zeros((len(time), 3)), euler(values["yaw"], zero, zero)),
-        }
-        weights = _arm_weights(script.arms[k], time)
-        target, pole, palm = (np.zeros((len(time), 3)) for _ in range(3))
-        spread = np.zeros(len(time))
-        for (_, _, posture), weight in zip(script.arms[k], weights, strict=True):
-            if not weight.any():
-                continue
-            origin, turned = frames[posture.frame]
-            size = 1.0 if posture.frame == "world" else script.frame.arm
-            w = weight[:, None]
-            wrist = np.array(posture.wrist) * size
-            if posture.frame == "world":
-                place = np.broadcast_to(wrist, (len(time), 3))
-            else:
-                place = origin + turned @ (wrist * mirror)
-            place = place + posture.motion * noise[:, k] - shoulder
-            target += w * place
-            spread += weight * (place * place).sum(axis=-1)
-            pole += w * (turned @ (np.array(posture.elbow) * mirror))
-            palm += w * (turned @ (np.array(posture.palm) * mirror))
-        # Between two postures the hand goes around the body: it moves outward and ahead, more on a long way.
-        far = np.maximum(spread - (target * target).sum(axis=-1), 0.0) / script.frame.arm
-        around = 0.3 * np.tanh(1.6 * far / 0.3)
-        target += around[:, None] * (upright @ (np.array([0.6, 0.0, 0.8]) * mirror))
-        target += shoulder
-        raised = 24.0 * ease(((target - shoulder)[:, 1] / script.frame.arm + 0.3) / 1.3)
-        motion.rotation[:, _INDEX[f"{side}_collar"]] = chest @ euler(zero, zero, SIGN[k] * raised)
-        shoulder = joint_position(motion, offset, f"{side}_shoulder")
-        limb = limb_of("arm", side, offset)
-        end = _within_reach(shoulder, target, script.frame.arm)
-        upper, lower = bend_limb(limb, shoulder, end, pole)
-        motion.rotation[:, limb.first], motion.rotation[:, limb.second] = upper, lower
-        motion.rotation[:, limb.end] = lower @ _hand(lower, palm, SIGN[k])
-
-
-def _arm_weights(schedule: list[tuple[float, float, ArmPosture]], time: np.ndarray) -> list[np.ndarray]:
-    """Return the weight (T,) of each posture of an arm over time; they sum to 1."""
-    risen = [np.ones(len(time))] + [ease((time - begin) / (end - begin)) for begin, end, _ in schedule[1:]]
-    weights = []
-    for k, share in enumerate(risen):
-        weight = share.copy()
-        for later in risen[k + 1 :]:
-            weight *= 1 - later
-        weights.append(weight)
-    return weights
-
-
-def _within_reach(shoulder: np.ndarray, target: np.ndarray, arm: float) -> np.ndarray:
-    """Move targets (T, 3) m smoothly to distances that an arm reaches."""
-    way = target - shoulder
-    length = np.linalg.norm(way, axis=-1, keepdims=True) / arm
-    soft = 0.02
-    most = _REACH - soft * np.logaddexp(0.0, (_REACH - length) / soft)
-    least = _FOLDED + soft * np.logaddexp(0.0, (most - _FOLDED) / soft)
-    return shoulder + way / np.maximum(length, 1e-6) * least
-
-
-def _hand(forearm: np.ndarray, palm: np.ndarray, sign: float) -> np.ndarray:
-    """Return rotations (T, 3, 3) of a hand relative to its forearm whose palm faces a direction (T, 3) if it can.
-
-    The forearm turns the hand by at most about 95°, and the wrist bends by at most about 65°.
-    """
-    facing = np.einsum("tji,tj->ti", forearm, palm)
-    facing = facing / np.maximum(np.linalg.norm(facing, axis=-1, keepdims=True), 1e-6)
-    across = np.hypot(facing[:, 1], facing[:, 2])
-    turn = 2 * np.arctan2(-facing[:, 2], across - facing[:, 1] + 0.12)
-    turn = np.degrees(1.75 * np.tanh(turn / 1.75))
-    bend = np.degrees(1.5 * np.tanh(facing[:, 0] * sign / 1.1)) * sign
-    zero = np.zeros(len(turn))
-    return euler(zero, turn, zero) @ euler(zero, zero, bend)
 
 
 def _mass_centre(motion: Motion, offset: np.ndarray) -> np.ndarray:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense_lab.synthesis.scenes import arm_postures
-from bodysense_lab.synthesis.scenes.script import SIGN, ArmPosture, Script
+from bodysense_lab.synthesis.scenes.script import KNEE, SIGN, ArmPosture, Script
 from bodysense_lab.synthesis.scenes.standing_scenes import change_arms, square_feet, take_arms
-
-_KNEE = 0.055  # m, height of a knee on the floor, of the mean adult
 
 
 def squat(script: Script) -> None:
@@ -68,16 +66,15 @@ def pick_up(script: Script) -> None:
 
 def kneel_on_one(script: Script) -> None:
     """Kneel on one knee, stay, and stand up."""
-    begin = script.clock
     side = script.draw.side()
     _go_down(script, side)
     _stay(script)
-    _stand_up(script, (side,), begin)
+    _stand_up(script, (side,))
 
 
 def kneel_on_both(script: Script) -> None:
     """Kneel on one knee, then on both, stay upright or sit back on the heels, and stand up."""
-    draw, begin = script.draw, script.clock
+    draw = script.draw
     first = draw.side()
     _go_down(script, first)
     second, now = 1 - first, script.clock
@@ -89,7 +86,7 @@ def kneel_on_both(script: Script) -> None:
         _sit_on_heels(script)
     else:
         _stay(script)
-    _stand_up(script, (first, second), begin)
+    _stand_up(script, (first, second))
 
 
 def _knee_place(script: Script, side: int) -> tuple[tuple[float, float], tuple[float, float], float]:
@@ -101,7 +98,7 @@ def _knee_place(script: Script, side: int) -> tuple[tuple[float, float], tuple[f
     pitch = np.radians(heel)
     ball = frame.ball[side]
     up = frame.ankle + ball[1] + (-ball[1] * np.cos(pitch) + ball[2] * np.sin(pitch))
-    behind = float(np.sqrt(frame.shin**2 - (up - _KNEE * frame.scale) ** 2))
+    behind = float(np.sqrt(frame.shin**2 - (up - KNEE * frame.scale) ** 2))
     moved = ball[2] - (ball[2] * np.cos(pitch) + ball[1] * np.sin(pitch))
     flat = script.offset(knee, 0.0, -behind - moved)
     return knee, flat, heel
@@ -139,7 +136,7 @@ def _go_down(script: Script, side: int) -> None:
     moves.to(begin, begin + 0.001, **script.of(side, knee_x=knee[0], knee_z=knee[1]))
     moves.to(landed - 0.2, landed + down, **script.of(side, kneel=1.0))
     moves.pulse(begin - 0.2, begin + 0.2, landed, landed + down, softness=0.012)
-    moves.to(begin - 0.1, landed + down, height=_KNEE * frame.scale + frame.thigh)
+    moves.to(begin - 0.1, landed + down, height=KNEE * frame.scale + frame.thigh)
     moves.to(begin + 0.1, landed + down, balance=0.0, sway=0.0, tilt=draw.between(-2, 6), roll=0.0)
     moves.bump(begin, landed + down, bend=draw.between(8, 20))
     change_arms(script, share=0.5)
@@ -166,10 +163,9 @@ def _stay(script: Script) -> None:
     script.phase("kneeling", begin, script.clock)
 
 
-def _stand_up(script: Script, knees: tuple[int, ...], begin: float) -> None:
+def _stand_up(script: Script, knees: tuple[int, ...]) -> None:
     """Stand up from one or both knees."""
     draw, frame, moves = script.draw, script.frame, script.moves
-    del begin
     if len(knees) == 2:  # one foot first comes to the front
         side = knees[1]
         now, takes = script.clock, script.duration(0.6, 0.9)

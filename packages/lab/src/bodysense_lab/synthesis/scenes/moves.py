@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -109,8 +108,3 @@ def waves(
     amplitude *= np.sqrt(2.0 / (amplitude**2).sum(axis=0))
     phase = rng.uniform(0, 2 * np.pi, (terms, count))
     return (amplitude * np.sin(2 * np.pi * frequency * time[:, None, None] + phase)).sum(axis=1)
-
-
-def scaled(values: Mapping[str, float], factor: float) -> dict[str, float]:
-    """Return values multiplied by a factor."""
-    return {name: value * factor for name, value in values.items()}

@@ -13,6 +13,7 @@ from bodysense_lab.synthesis.scenes.moves import Draw, Moves
 Phase = Literal["standing", "bowing", "kneeling", "seated"]
 PHASES: tuple[Phase, ...] = ("standing", "bowing", "kneeling", "seated")
 SIDES = ("left", "right")
+KNEE = 0.055  # m, height of a knee on the floor, of the mean adult
 SIGN = (1.0, -1.0)  # +X is the body's left
 _BODY = (
     *(
@@ -71,7 +72,6 @@ class ArmPosture:
     elbow: tuple[float, float, float]  # direction of the elbow
     palm: tuple[float, float, float]  # direction of the palm
     motion: float = 0.012  # m, standard deviation of the wrist's random motion
-    fastest: float = 0.5  # Hz, of that motion
 
 
 @dataclass(frozen=True)

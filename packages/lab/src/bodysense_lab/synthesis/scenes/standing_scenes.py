@@ -91,29 +91,6 @@ def shuffle(script: Script) -> None:
     script.phase("standing", begin, script.clock)
 
 
-def walk_steps(script: Script, left: float, ahead: float, count: int, *, turned: float = 0.0) -> None:
-    """Take a few steps of both feet that move the body by `left` and `ahead` m each, then stand."""
-    draw = script.draw
-    first = draw.side() if abs(left) < abs(ahead) else int(left < 0)
-    seconds, gap = script.duration(0.32, 0.5), draw.between(0.08, 0.35)
-    lift, shift, lead = draw.between(0.04, 0.09), draw.between(0.5, 0.8), min(0.3, 0.2 + gap)
-    sideways = abs(left) > abs(ahead)
-    for step in range(count):
-        side = (first + step) % 2
-        last = step == count - 1
-        share = 1.0 if sideways or 0 < step < count - 1 else 0.5
-        place = foot_place(script, side, 0.0, 0.0)
-        if not last and sideways and side == first:
-            place = script.offset(script.ankle(side), left, ahead)
-        elif not sideways:
-            place = script.offset(foot_place(script, side), 0.0, 0.0 if last else ahead * share)
-        elif side != first:
-            other = script.ankle(1 - side)
-            place = script.offset(other, SIGN[side] * 2 * script.apart, 0.0)
-        script.step(side, place, foot_yaw(script, side) + turned, script.clock + gap, seconds, lift=lift, shift=shift,
-                    heel=draw.between(12, 30), toes_up=8.0 if ahead > 0 else 0.0, lead=lead)  # fmt: skip
-
-
 def step_back(script: Script) -> None:
     """Take one to four steps back of 0.1 to 0.35 m, and stand."""
     begin, draw = script.clock, script.draw
@@ -302,7 +279,6 @@ def lean_on_wall(script: Script) -> None:
     """Lean on a wall with a hand and a shoulder turned to it, or with both hands ahead."""
     draw = script.draw
     begin = script.clock
-    standing = dict(script.moves.value)
     seconds, arm = script.duration(0.9, 1.6), script.frame.arm
     high = draw.between(1.1, 1.5) * script.frame.scale
     ahead = draw.chance(0.5)
@@ -326,7 +302,6 @@ def lean_on_wall(script: Script) -> None:
     script.clock = released
     take_arms(script, arm_postures.hanging(draw), released, seconds)
     script.clock = released + seconds
-    del standing
     script.wait(0.3, 1.0)
 
 
@@ -367,8 +342,27 @@ def arms_crossed(script: Script) -> None:
 
 
 def reach(script: Script) -> None:
-    """Reach up or ahead."""
-    _hold_arms(script, arm_postures.raised)
+    """Reach up or ahead, at times on tiptoe."""
+    if script.draw.chance(0.3):
+        _stand_on_tiptoe(script)
+    else:
+        _hold_arms(script, arm_postures.raised)
+
+
+def _stand_on_tiptoe(script: Script) -> None:
+    """Rise on the balls of the feet with raised hands, and come down."""
+    draw, begin = script.draw, script.clock
+    heel, takes, hold = draw.between(15, 34), script.duration(0.6, 1.1), script.duration(0.8, 2.0)
+    take_arms(script, arm_postures.raised(draw), begin, takes)
+    held, end = begin + takes + hold, begin + 2 * takes + hold
+    ahead = 0.1 * script.frame.scale  # the weight moves over the balls of the feet
+    script.moves.pulse(begin, begin + takes, held, end, lead=ahead, height=0.15)
+    for side in (0, 1):
+        script.moves.pulse(begin + 0.1, begin + takes, held, end, **script.of(side, heel=heel))
+    script.clock = end
+    change_arms(script, share=1.0)
+    script.wait(1.0, 2.0)
+    script.phase("standing", begin, script.clock)
 
 
 def walk(script: Script) -> None:

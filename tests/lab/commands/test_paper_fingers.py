@@ -1,4 +1,4 @@
-"""`bodysense track --fingers synthesize`: fingers for any motion; its body is unchanged."""
+"""`bodysense papers fingers`: fingers for any motion; its body is unchanged."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def places(file: Path) -> tuple[Clip, np.ndarray]:
 
 def test_a_body_gets_fingers_and_is_otherwise_unchanged(tmp_path: Path, bare: Path, run) -> None:
     out = tmp_path / "out.bvh"
-    assert "20 frames with synthesized fingers" in run("track", bare, "--fingers", "synthesize", "-o", out)
+    assert "20 frames with synthesized fingers" in run("papers", "fingers", bare, "-o", out)
     (before, was), (after, now) = places(bare), places(out)
     skeleton = after.pose.skeleton
     body = np.flatnonzero(skeleton.wrist_of[: len(skeleton.joints)] < 0)
@@ -55,22 +55,11 @@ def test_a_body_gets_fingers_and_is_otherwise_unchanged(tmp_path: Path, bare: Pa
     np.testing.assert_allclose(length, np.tile(before.pose.skeleton.bone_length[1:], (20, 1)), atol=1e-4)
 
 
-def test_fingers_for_a_simulated_device(tmp_path: Path, motion: Path, run) -> None:
-    """Only fingers differ from the body without the option."""
-    arguments = ("track", motion, "--device", "three_point", "-o")
-    run(*arguments, tmp_path / "plain.bvh")
-    run(*arguments, tmp_path / "made.bvh", "--fingers", "synthesize")
-    (plain, one), (_, two) = places(tmp_path / "plain.bvh"), places(tmp_path / "made.bvh")
-    finger = plain.pose.skeleton.wrist_of >= 0
-    np.testing.assert_allclose(one[:, ~finger], two[:, ~finger], atol=1e-4)
-    assert np.abs(one[:, finger] - two[:, finger]).max() > 1e-3
-
-
-def test_invalid_combinations_are_refused(tmp_path: Path, motion: Path, refused) -> None:
+def test_invalid_files_are_refused(tmp_path: Path, motion: Path, refused) -> None:
     other = files("bodysense.weights") / "body_vae.onnx"
     out = tmp_path / "out.bvh"
-    assert "a.bvh: no such file" in refused("track", tmp_path / "a.bvh", "--fingers", "synthesize", "-o", out)
-    text = refused("track", motion, "--fingers", "synthesize", "--model", other, "-o", out)
+    assert "a.bvh: no such file" in refused("papers", "fingers", tmp_path / "a.bvh", "-o", out)
+    text = refused("papers", "fingers", motion, "--network", other, "-o", out)
     assert "wanted 'bodysense points 1'" in text and "`bodysense train fingers`" in text
-    assert "give a name that ends in .bvh" in refused("track", motion, "--fingers", "synthesize", "-o", tmp_path / "a")
+    assert "give a name that ends in .bvh" in refused("papers", "fingers", motion, "-o", tmp_path / "a")
     assert not out.exists()

@@ -1,0 +1,305 @@
+"""Each row of the table of events in docs/serve.md: each wearer is answered within 2 s, or is given a reason."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bodysense.io.formats.protocol import SignalFrame
+from bodysense_live.server import live as live_module
+from bodysense_live.server import scheduler as scheduler_module
+from bodysense_live.server.message_text import write_message
+from bodysense_live.server.messages import RecordSwitch, Resume
+from bodysense_live.server.scheduler import complete
+from bodysense_live.server.settings import ServerSettings
+
+from .conftest import Address, Connecting, Serving, free_port, storing
+from .conftest import signal as signal_frame
+from .test_workers import Wearer, until
+
+ROOT = Path(__file__).parents[2]
+ANSWERED = 2.0  # s until each wearer is answered, or told why
+COUNT, SECONDS = 3, 3.0  # wearers; s of disturbance
+
+
+@dataclass
+class Chaos:
+    """What a test of one row may use."""
+
+    server_of: Serving
+    connect: Connecting
+    monkeypatch: pytest.MonkeyPatch
+    folder: Path
+    rng: np.random.Generator
+
+    @contextmanager
+    def wearers(self, address: Address, seconds: float = SECONDS) -> Iterator[list[Wearer]]:
+        """Disturb wearers within the block, then for some seconds more; check that each is answered or told why."""
+        over = threading.Event()
+        wearers = [Wearer(1.7 + 0.05 * k) for k in range(COUNT)]
+        threads = [threading.Thread(target=one.wear, args=(address.websocket, over)) for one in wearers]
+        for thread in threads:
+            thread.start()
+        try:
+            until(lambda: all(one.answered and one.placed for one in wearers))
+            for one in wearers:
+                one.longest = 0.0
+            yield wearers
+            time.sleep(seconds)
+            now = time.monotonic()
+            silences = [max(one.longest, now - one.answered) for one in wearers]
+            assert max(silences) < ANSWERED, silences
+        finally:
+            over.set()
+            for thread in threads:
+                thread.join(10)
+
+    def disturbed(self, frames: Callable[[SignalFrame], list[SignalFrame]]) -> None:
+        """Send other frames than those of a wearer."""
+        with self.wearers(self.server_of()) as wearers:
+            wearers[0].frames = wearers[1].frames = frames
+
+
+def frames_are_lost(chaos: Chaos) -> None:
+    chaos.disturbed(lambda frame: [frame] if chaos.rng.random() < 0.3 else [])
+
+
+def frames_are_late(chaos: Chaos) -> None:
+    kept: list[SignalFrame] = []
+
+    def late(frame: SignalFrame) -> list[SignalFrame]:
+        kept.append(frame)
+        others = [kept[int(k)] for k in chaos.rng.integers(max(0, len(kept) - 10), len(kept), 3)]
+        return [frame, frame, *others]
+
+    chaos.disturbed(late)
+
+
+def clock_is_set(chaos: Chaos) -> None:
+    shift = [0.0]
+
+    def shifted(frame: SignalFrame) -> list[SignalFrame]:
+        if chaos.rng.random() < 0.05:
+            shift[0] = float(chaos.rng.choice([-5e5, -100.0, -1.5, 0.0, 1.5, 1e6]))
+        return [replace(frame, time=frame.time + shift[0])]
+
+    chaos.disturbed(shifted)
+
+
+def frames_overtake(chaos: Chaos) -> None:
+    def hasty(frame: SignalFrame) -> list[SignalFrame]:
+        return [replace(frame, sequence=10 * frame.sequence + k, time=frame.time + k / 300) for k in range(10)]
+
+    chaos.disturbed(hasty)
+
+
+def four_times_the_load(chaos: Chaos) -> None:
+    def slow(jobs: list) -> list:
+        time.sleep(4 * len(jobs) / (COUNT * 30))
+        return complete(jobs)
+
+    with chaos.wearers(chaos.server_of()):
+        chaos.monkeypatch.setattr(scheduler_module, "complete", slow)
+
+
+def client_does_not_read(chaos: Chaos) -> None:
+    server = chaos.server_of()
+    with chaos.wearers(server):
+        deaf = socket.create_connection(("127.0.0.1", server.port))
+        client = chaos.connect(server)
+        client.socket.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        for k in range(300):
+            with suppress(Exception):
+                client.send(signal_frame(k, k / 300))
+        deaf.close()
+
+
+def connection_breaks(chaos: Chaos) -> None:
+    with chaos.wearers(chaos.server_of()) as wearers:
+        for one in wearers:
+            one.do = lambda client: client.socket.shutdown(socket.SHUT_RDWR) if chaos.rng.random() < 0.03 else None
+        time.sleep(SECONDS)
+        for one in wearers:
+            one.do = lambda client: None
+    assert any(len(one.welcomes) > 1 for one in wearers)
+    assert all(welcome["resumed"] for one in wearers for welcome in one.welcomes[1:])
+
+
+@contextmanager
+def store_process(port: int) -> Iterator[subprocess.Popen[bytes]]:
+    program = shutil.which("valkey-server") or shutil.which("redis-server")
+    if program is None:
+        pytest.skip("needs Debian's valkey-server or redis-server")
+    command = [program, "--port", str(port), "--save", "", "--appendonly", "no"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as process:
+        try:
+            until(lambda: can_connect(port))
+            yield process
+        finally:
+            process.kill()
+
+
+def can_connect(port: int) -> bool:
+    with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1):
+        return True
+    return False
+
+
+def store_fails(chaos: Chaos) -> None:
+    redis = pytest.importorskip("redis", reason="needs packages/live[shared]")
+    port = free_port()
+    with store_process(port) as process:
+        server = chaos.server_of(ServerSettings(shared=f"redis://127.0.0.1:{port}"))
+        with chaos.wearers(server) as wearers:
+            redis.Redis(port=port).flushall()
+            time.sleep(1.0)
+            process.send_signal(signal.SIGSTOP)
+            for one in wearers[:2]:  # they reconnect while the store is frozen
+                one.do = once(lambda client: client.socket.shutdown(socket.SHUT_RDWR))
+            time.sleep(3.0)
+            process.kill()
+            wearers[2].do = once(lambda client: client.socket.shutdown(socket.SHUT_RDWR))
+        assert all(len(one.welcomes) == 2 and one.welcomes[1]["resumed"] for one in wearers)
+
+
+def once(action: Callable[[Any], object]) -> Callable[[Any], None]:
+    """Return an action that does nothing from the second call on."""
+    done: list[bool] = []
+
+    def act(client: Any) -> None:
+        if not done:
+            done.append(True)
+            action(client)
+
+    return act
+
+
+def resumed_elsewhere(chaos: Chaos) -> None:
+    with storing(free_port()) as address:
+        one, other = (chaos.server_of(ServerSettings(shared=address)) for _ in range(2))
+        with chaos.wearers(one) as wearers:
+            time.sleep(1.0)  # until the sessions are stored
+            welcome = wearers[0].welcomes[0]
+            again = chaos.connect(other, resume=Resume(welcome["session"], welcome["token"]))
+            assert again.welcome["resumed"]
+        assert any("resumed by another connection" in reason for reason in wearers[0].told)
+
+
+def disk_is_full(chaos: Chaos) -> None:
+    """A real disk of 200 kB."""
+    disk = chaos.folder / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=200k", "tmpfs", str(disk)]
+    if sys.platform != "linux" or os.geteuid() != 0 or subprocess.run(mount, check=False).returncode != 0:
+        pytest.skip("needs the right to mount a tmpfs")
+    try:
+        with chaos.wearers(chaos.server_of(ServerSettings(allow_record=disk)), seconds=8.0) as wearers:
+            for one in wearers[:2]:
+                one.do = once(lambda client: client.send(write_message(RecordSwitch(True))))
+        assert any("No space left on device" in reason for one in wearers[:2] for reason in one.told)
+    finally:
+        subprocess.run(["umount", "-l", str(disk)], check=True)
+
+
+def malformed(chaos: Chaos) -> None:
+    with chaos.wearers(chaos.server_of()) as wearers:
+        for message in (b"", b"\x07" * 40, "{", '{"type": "settings", "settings": {"height": "tall"}}', b"\x01" * 9000):
+            wearers[0].do = once(lambda client, message=message: client.send(message))
+            time.sleep(0.3)
+    assert len(wearers[0].told) >= 4 and not wearers[1].told
+
+
+def tracker_is_lost(chaos: Chaos) -> None:
+    def without_hand(frame: SignalFrame) -> list[SignalFrame]:
+        return [replace(frame, has=np.array([3, int(chaos.rng.choice([0, 3])), 3], dtype=np.uint8))]
+
+    chaos.disturbed(without_hand)
+
+
+def step_fails(chaos: Chaos) -> None:
+    count = [0]
+
+    def failing(jobs: list) -> list:
+        count[0] += 1
+        return [None if count[0] % 3 == 0 else one for one in complete(jobs)]
+
+    with chaos.wearers(chaos.server_of()):
+        chaos.monkeypatch.setattr(scheduler_module, "complete", failing)
+
+
+def answer_cannot_be_sent(chaos: Chaos) -> None:
+    original, failed = live_module.write_pose, list[bool]()
+
+    def failing(*arguments: Any) -> bytes:
+        if len(failed) < 2:
+            failed.append(True)
+            raise ZeroDivisionError
+        return original(*arguments)
+
+    with chaos.wearers(chaos.server_of()) as wearers:
+        chaos.monkeypatch.setattr(live_module, "write_pose", failing)
+    assert sum("failed to answer" in reason for one in wearers for reason in one.told) >= 1
+
+
+Row = Callable[[Chaos], None] | str  # a test here, or the name of a test elsewhere that has the same bound
+ROWS: dict[str, Row] = {
+    "frames are lost": frames_are_lost,
+    "frames arrive late, twice, or out of order": frames_are_late,
+    "the client's clock is set (1 s or more, either way)": clock_is_set,
+    "a new frame arrives before the last one was answered": frames_overtake,
+    "several packets of VMC, VMT or OSC arrive at once": "test_bursts.py::test_the_newest_packet_of_a_turn_is_answered",
+    "more frames arrive than can be completed": four_times_the_load,
+    "a client reads too slowly": client_does_not_read,
+    "a connection breaks": connection_breaks,
+    "a worker is killed, or has not answered for 1.4 s": (
+        "test_workers.py::test_wearers_of_a_worker_that_hangs_or_ends_resume_in_another"
+    ),
+    "a server is killed": "test_machines.py::test_wearers_of_a_host_that_ends_resume_at_the_other",
+    "the Valkey or Redis of `--shared` is gone, frozen or emptied": store_fails,
+    "a session is resumed elsewhere while its old connection still seems open": resumed_elsewhere,
+    "the disk is full, read-only, slow or broken": disk_is_full,
+    "a message is malformed": malformed,
+    "a tracker of the server's own inputs is lost or found": tracker_is_lost,
+    "a step fails, or is NaN": step_fails,
+    "a session's answer cannot be sent": answer_cannot_be_sent,
+    "a task of the server ends, or no frame is answered for 10 s": (
+        "test_supervisor.py::test_a_server_whose_scheduler_ends_closes_its_connections_and_ends_loudly"
+    ),
+}
+
+
+def test_every_row_of_the_documented_events_is_tested() -> None:
+    text = (ROOT / "docs" / "serve.md").read_text(encoding="utf-8")
+    table = text.partition("## Events\n")[2].partition("\n## ")[0]
+    rows = re.findall(r"^\| (?!event |---)(.+?) \|", table, re.MULTILINE)
+    assert rows == list(ROWS)
+    for row in ROWS.values():
+        if isinstance(row, str):
+            file, _, name = row.partition("::")
+            assert f"def {name}(" in (Path(__file__).parent / file).read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+@pytest.mark.alone
+@pytest.mark.parametrize("event", [event for event, row in ROWS.items() if not isinstance(row, str)])
+def test_each_wearer_is_answered_or_told_why(
+    event: str, server_of: Serving, connect: Connecting, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    row = ROWS[event]
+    assert callable(row)
+    row(Chaos(server_of, connect, monkeypatch, tmp_path, np.random.default_rng(5)))
