@@ -128,16 +128,16 @@ static inline void sine_cosine(float angle, float *sine, float *cosine) {
     *cosine = (float)(quarter & 1 ? s : c) * ((quarter + 1) & 2 ? -1.0F : 1.0F);
 }
 
-/* The angle between 0 and half a turn, by its sine and cosine at any scale. */
+/* The angle of up to half a turn to either side, by its sine and cosine at any scale. */
 static inline float angle_of(float sine, float cosine) {
-    const double s = sine, c = cosine < 0.0F ? -(double)cosine : (double)cosine;
+    const double s = (double)magnitude(sine), c = (double)magnitude(cosine);
     if (!(s > 0.0 || c > 0.0)) return 0.0F;
     const double half = s / (c + sqrt(s * s + c * c)); /* the tangent of half of it, at most 1 */
     const double part = half / (1.0 + sqrt(1.0 + half * half)), square = part * part; /* of a quarter */
     double series = 0.0;
     for (int k = 25; k > 0; k -= 2) series = 1.0 / k - square * series;
-    const double angle = 4.0 * part * series;
-    return (float)(cosine < 0.0F ? 2.0 * QUARTER_TURN - angle : angle);
+    const double angle = cosine < 0.0F ? 2.0 * QUARTER_TURN - 4.0 * part * series : 4.0 * part * series;
+    return (float)(sine < 0.0F ? -angle : angle);
 }
 
 #endif
