@@ -66,6 +66,8 @@ class Mutant:
 def changed(node: ast.AST) -> ast.AST | None:
     """Return a changed copy of a node, or None if nothing of it is changed."""
     other = copy.deepcopy(node)
+    if isinstance(other, ast.BinOp) and isinstance(other.right, ast.Constant) and other.right.value is None:
+        return None  # a type
     if isinstance(other, (ast.BinOp, ast.BoolOp)) and type(other.op) in SWAPS:
         other.op = SWAPS[type(other.op)]()
     elif isinstance(other, ast.Compare) and type(other.ops[0]) in SWAPS:

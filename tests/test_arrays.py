@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
+import subprocess
+import sys
 import zipfile
 from pathlib import Path
 
@@ -9,7 +12,7 @@ import numpy as np
 import pytest
 
 from bodysense import arrays
-from bodysense.arrays import array_shapes, read_array, read_arrays
+from bodysense.arrays import array_shapes, conversion, read_array, read_arrays
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.archive import MotionFile
 from bodysense.sources.reading import read
@@ -76,3 +79,19 @@ def test_missing_files_and_arrays_are_refused(tmp_path: Path) -> None:
         with pytest.raises(BodysenseError, match="no such file"):
             call(tmp_path / "missing.npz")
     assert array_shapes(tmp_path / "missing.npz") == {}
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.npz"])
+def test_the_command_that_converts_pickled_arrays_runs(tmp_path: Path, name: str) -> None:
+    """A .npy file holds one pickled dictionary, a .npz file an array of objects among plain ones."""
+    poses, words = np.arange(144.0).reshape(2, 72), np.array(["a", None], dtype=object)
+    if name == "a.npy":
+        np.save(tmp_path / name, np.array({"poses": poses, "words": words}, dtype=object), allow_pickle=True)
+    else:
+        np.savez(tmp_path / name, poses=poses, words=words)
+    program, option, code = shlex.split(conversion(tmp_path / name).partition(": ")[2])
+    assert (program, option) == ("python", "-c")
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
+    with np.load(tmp_path / "a_plain.npz") as plain:
+        assert plain.files == ["poses"]
+        np.testing.assert_array_equal(plain["poses"], poses)

@@ -16,6 +16,7 @@ import pytest
 
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import SIGNAL
+from bodysense_live.security import certificate as certificate_module
 from bodysense_live.security.certificate import check_pair, own_certificate, qr_code
 from bodysense_live.security.safety import Access, Limits, TokenThrottle
 from bodysense_live.server.live import Live
@@ -61,6 +62,44 @@ def test_a_browser_that_trusts_the_certificate_connects(server_of: Serving, tmp_
     ):
         secure.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
         assert secure.recv(4096).startswith(b"HTTP/1.1 200")
+
+
+def test_a_certificate_that_changes_or_expires_is_renewed_while_serving(
+    server_of: Serving, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("cryptography")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr(certificate_module, "CHECK_INTERVAL", 0.05)
+    monkeypatch.setattr(certificate_module, "_DAYS", 0.001)  # days; it would be refused within two minutes
+    certificate, key = certificate_module.own_certificate(tmp_path / "bodysense", ("127.0.0.1", "localhost"))
+    first = certificate.read_text()
+    server = server_of(ServerSettings(access=Access(certificate=certificate, key=key)))
+    open_before = ssl.create_default_context(cafile=str(certificate))
+    open_before.check_hostname = False
+    open_before.verify_mode = ssl.CERT_NONE
+    with (
+        socket.create_connection(("127.0.0.1", server.port), timeout=10) as plain,
+        open_before.wrap_socket(plain) as secure,
+    ):
+        monkeypatch.setattr(certificate_module, "_DAYS", 397)
+        end = time.monotonic() + 10
+        while (served := ssl.get_server_certificate(("127.0.0.1", server.port))) == first:
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        until_renewed = time.monotonic() + 10
+        while served != certificate.read_text() and time.monotonic() < until_renewed:
+            time.sleep(0.05)
+            served = ssl.get_server_certificate(("127.0.0.1", server.port))
+        assert served == certificate.read_text() != first
+        secure.sendall(b"GET /healthz HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        assert secure.recv(4096).startswith(b"HTTP/1.1 200")  # of the connection that was open before
+    certificate.write_text("no certificate")
+    monkeypatch.setattr(certificate_module, "own_certificate", lambda *given: given)
+    end = time.monotonic() + 10
+    while "cannot be renewed" not in capfd.readouterr().err:
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    assert ssl.get_server_certificate(("127.0.0.1", server.port)) == served
 
 
 def test_a_qr_code_is_drawn() -> None:

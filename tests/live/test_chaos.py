@@ -273,6 +273,9 @@ ROWS: dict[str, Row] = {
     "the Valkey or Redis of `--shared` is gone, frozen or emptied": store_fails,
     "a session is resumed elsewhere while its old connection still seems open": resumed_elsewhere,
     "the disk is full, read-only, slow or broken": disk_is_full,
+    "the certificate expires or changes while serving": (
+        "test_access.py::test_a_certificate_that_changes_or_expires_is_renewed_while_serving"
+    ),
     "a message is malformed": malformed,
     "a tracker of the server's own inputs is lost or found": tracker_is_lost,
     "a step fails, or is NaN": step_fails,

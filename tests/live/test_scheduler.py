@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from dataclasses import dataclass
 
 import pytest
@@ -85,3 +86,28 @@ def test_a_send_queue_keeps_the_newest_frame_and_a_limited_number_of_texts() -> 
         assert not queue.put_frames([b"3"])
 
     asyncio.run(go())
+
+
+def test_steps_count_processor_time_not_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    original, seconds = module.complete, list[float]()
+
+    def slow(jobs: list) -> list:
+        time.sleep(0.3)  # as on a machine whose cores others use
+        return original(jobs)
+
+    monkeypatch.setattr(module, "complete", slow)
+
+    async def go() -> None:
+        scheduler: Scheduler[Wearer] = Scheduler(lambda slot, answer: None, lambda slot, error: None, seconds.append)
+        (one,) = wearers(1)
+        task = asyncio.create_task(scheduler.run())
+        one.session.receive(signal(0, 0.0), 0.0)
+        scheduler.ready(one)
+        async with asyncio.timeout(10):
+            while not seconds:
+                await asyncio.sleep(0.01)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    asyncio.run(go())
+    assert 0 < seconds[0] < 0.2

@@ -8,6 +8,8 @@ from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from bodysense.errors import BodysenseError
 from bodysense.tracking.core import Model
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 PACKAGED = "completion.safetensors"
 PACKAGED_BACKWARD = "completion_backward.safetensors"
 _COMMAND = "bodysense train completion"
+_FLOATS = {"F16": "<f2", "F32": "<f4", "F64": "<f8"}  # safetensors' types of numbers → NumPy's
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +36,18 @@ class CompletionModel:
         return self.source.name
 
 
-def load_completion(path: str | Path) -> CompletionModel:
-    """Open a completion network's file (.safetensors). Raises BodysenseError for any other file."""
-    return _opened(Path(path))
+def load_completion(path: str | Path, backward: bool = False) -> CompletionModel:
+    """Open a completion network's file (.safetensors) of the forward pass, or of the `backward` pass.
+
+    Raises BodysenseError for any other file.
+    """
+    model = _opened(Path(path))
+    if bool(model.card.get("backward")) != backward:
+        passes = ("forward", "backward")
+        raise BodysenseError(
+            f"{path}: a network of the {passes[not backward]} pass; give one of the {passes[backward]} pass"
+        )
+    return model
 
 
 @lru_cache(maxsize=2)
@@ -57,17 +69,33 @@ def _opened(source: Traversable) -> CompletionModel:
         core = Model(weights, str(source))
     except BodysenseError as error:
         raise BodysenseError(f"{error}; {wanted}") from None
-    return CompletionModel(core, _card(weights), source)
+    try:
+        header, arrays = _parts(weights)
+        _check_finite(header, arrays)
+        return CompletionModel(core, {name: _parsed(text) for name, text in header["__metadata__"].items()}, source)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:  # text that is damaged, too
+        raise BodysenseError(f"{source}: a damaged weights file ({error}); {wanted}") from None
 
 
-def _card(weights: bytes) -> dict[str, Any]:
-    """Return the metadata of a safetensors file; fields are parsed as JSON if possible, else plain text."""
+def _parts(weights: bytes) -> tuple[dict[str, Any], memoryview]:
+    """Return the header of a safetensors file, and the bytes of its arrays."""
     length = int.from_bytes(weights[:8], "little")
-    fields = json.loads(weights[8 : 8 + length]).get("__metadata__", {})
-    return {name: _parsed(text) for name, text in fields.items()}
+    return json.loads(weights[8 : 8 + length]), memoryview(weights)[8 + length :]
+
+
+def _check_finite(header: dict[str, Any], arrays: memoryview) -> None:
+    """Raise ValueError, naming the array, for weights that are not finite."""
+    for name, array in header.items():
+        kind = _FLOATS.get(array.get("dtype"))
+        if kind is None:
+            continue
+        first, end = array["data_offsets"]
+        if not np.isfinite(np.frombuffer(arrays[first:end], dtype=kind)).all():
+            raise ValueError(f"{name} is not finite")
 
 
 def _parsed(text: str) -> Any:
+    """Return a field of the metadata, parsed as JSON if possible."""
     try:
         return json.loads(text)
     except ValueError:

@@ -11,6 +11,7 @@ import sys
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from sys import maxunicode
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -218,6 +219,9 @@ def _check(path: Path, recording: Recording) -> None:
     seen = recording.observation
     if not len(seen.time) or not seen.points:
         raise BodysenseError(f"{path}: time and points must be lists of at least one value")
+    for name in seen.points:
+        if not name or any(ord(letter) < 32 or 0xD7FF < ord(letter) < 0xE000 for letter in name):  # or half a letter
+            raise BodysenseError(f"{path}: the name of a point is not text; give names such as left_wrist")
     check_shapes(seen, str(path))
     wanted = (len(seen.time), len(seen.points), 3)
     if seen.position.shape != wanted:
@@ -268,6 +272,8 @@ def _read_npz(path: Path) -> Recording:
             )
     if arrays["time"].ndim != 1 or arrays["points"].ndim != 1:
         raise BodysenseError(f"{path}: time and points must be lists of at least one value")
+    if arrays["points"].dtype.kind == "U" and np.ascontiguousarray(arrays["points"]).view(np.uint32).max() > maxunicode:
+        raise BodysenseError(f"{path}: the name of a point is not text; give names such as left_wrist")
     points = tuple(str(name) for name in arrays["points"])
     if "accuracy" not in arrays:
         arrays["accuracy"] = np.broadcast_to(usual_accuracy(points), (len(arrays["time"]), len(points)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 
 from bodysense.body.hands.hand import glove_marker
@@ -18,14 +19,27 @@ from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, Unit, con
 from bodysense.observing.observation import Observation, chosen_points
 
 WRITTEN = (".csv", ".c3d")
+FASTEST = 100_000.0  # Hz; the fastest cameras of motion capture take 10,000 frames a second
+MOST_COLUMNS = 20_000  # of a table; no system tracks a third of as many markers
+_HEADER_LINES = 16  # lines of a table, of which one names its columns
 
 
 def read_raw(path: str | Path, rate: float | None = None, unit: Unit | None = None) -> RawMarkers:
     """Return the points of a marker file under their own names, in its own unit and axes.
 
-    `rate` (Hz) and `unit` are used in place of those of the file's header.
+    `rate` (Hz) and `unit` are used in place of those of the file's header. Raises BodysenseError for other files, and
+    for more than `MOST_COLUMNS` columns or `FASTEST` frames per second.
     """
     path = Path(path)
+    raw = _read_raw(path, rate, unit)
+    if not 0 < raw.frame_rate <= FASTEST:
+        raise BodysenseError(
+            f"{path}: {raw.frame_rate:g} Hz; no camera is faster than {FASTEST:g} Hz: correct the rate, or give --rate"
+        )
+    return raw
+
+
+def _read_raw(path: Path, rate: float | None, unit: Unit | None) -> RawMarkers:
     if not is_marker_file(path):
         raise BodysenseError(f"{path}: marker files end in {', '.join(ENDINGS)}, not in {path.suffix or 'nothing'!r}")
     if not path.is_file():
@@ -33,6 +47,7 @@ def read_raw(path: str | Path, rate: float | None = None, unit: Unit | None = No
     ending = path.suffix.lower()
     if ending == ".c3d":
         return read_c3d(path, unit)
+    _check_columns(path)
     if ending == ".trc":
         return read_trc(path, rate, unit)
     if ending == ".tsv":
@@ -41,6 +56,17 @@ def read_raw(path: str | Path, rate: float | None = None, unit: Unit | None = No
     if is_motive(head):
         return read_motive(path, rate, unit)
     return read_nexus(path, rate, unit) if is_nexus(head) else read_csv(path, rate)
+
+
+def _check_columns(path: Path) -> None:
+    """Raise BodysenseError for a table with too many columns, before it is read."""
+    with path.open("rb") as file:
+        for line in islice(file, _HEADER_LINES):
+            columns = max(line.count(delimiter) for delimiter in (b",", b";", b"\t")) + 1
+            if columns > MOST_COLUMNS:
+                raise BodysenseError(
+                    f"{path}: {columns} columns; at most {MOST_COLUMNS} are read: export fewer markers"
+                )
 
 
 def read_unlabelled(path: str | Path, form: MarkerFormat = MarkerFormat()) -> tuple[Observation, float]:

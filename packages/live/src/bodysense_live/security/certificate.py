@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import datetime
 import ipaddress
 import os
+import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.files import written_beside
@@ -14,6 +17,8 @@ from bodysense_live.protocols.links import address_toward
 
 _DAYS = 397  # longest validity that browsers accept
 _NAME = "bodysense"
+_CERTIFICATE = "certificate.pem"
+CHECK_INTERVAL = 60.0  # s between two looks at the files of a certificate
 
 
 def lan_address() -> str:
@@ -35,7 +40,7 @@ def own_certificate(folder: Path, addresses: Sequence[str]) -> tuple[Path, Path]
 
     Raises BodysenseError for a folder that cannot be written to.
     """
-    certificate, key = folder / "certificate.pem", folder / "key.pem"
+    certificate, key = folder / _CERTIFICATE, folder / "key.pem"
     if not _fits(certificate, key, addresses):
         public, private = _create(addresses)
         try:
@@ -103,6 +108,40 @@ def _general(address: str):
         return x509.IPAddress(ipaddress.ip_address(address))
     except ValueError:
         return x509.DNSName(address)
+
+
+async def follow_certificate(context: Any, certificate: Path, key: Path) -> None:
+    """Load a certificate into a server's TLS context whenever its files change, and renew our own in time.
+
+    Connections that are open stay open; new ones get the new certificate. A file that cannot be loaded is reported, and
+    the one before stays in use.
+    """
+    loaded = _changed_at(certificate, key)
+    while True:
+        await asyncio.sleep(CHECK_INTERVAL)
+        try:
+            if certificate == state_folder() / _CERTIFICATE:
+                own_certificate(certificate.parent, _addresses(certificate))
+            now = _changed_at(certificate, key)
+            if now != loaded:
+                loaded = now
+                context.load_cert_chain(certificate, key)
+        except (OSError, ValueError, BodysenseError) as error:  # an SSLError is an OSError
+            print(f"bodysense: --certificate {certificate} cannot be renewed ({error})", file=sys.stderr, flush=True)
+
+
+def _changed_at(*paths: Path) -> tuple[int, ...]:
+    """Return when files were changed, in ns; 0 for one that is missing."""
+    return tuple(path.stat().st_mtime_ns if path.exists() else 0 for path in paths)
+
+
+def _addresses(certificate: Path) -> tuple[str, ...]:
+    """Return the addresses and names of a certificate of ours."""
+    from cryptography import x509
+
+    found = x509.load_pem_x509_certificate(certificate.read_bytes())
+    names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    return tuple(str(one) for kind in (x509.IPAddress, x509.DNSName) for one in names.get_values_for_type(kind))
 
 
 def check_pair(certificate: Path, key: Path) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.errors import missing_package
 from bodysense.io.formats.protocol import SignalFrame, write_pose
+from bodysense_live.security.certificate import follow_certificate
 from bodysense_live.server.application import application
 from bodysense_live.server.session_slot import SessionSlot
 from bodysense_live.server.session_store import SessionKeeper
@@ -67,6 +68,8 @@ def make_server(
 
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
+            if access.certificate is not None and access.key is not None:
+                supervisor.start(follow_certificate(self.config.ssl, access.certificate, access.key))
             started(self)
 
     from uvicorn.protocols.http.auto import AutoHTTPProtocol

@@ -27,7 +27,9 @@ class Metrics:
         self.latency: Any = Histogram(
             "bodysense_frame_seconds", "From a signal frame to its pose", buckets=_BUCKETS, registry=registry
         )
-        self.stepping: Any = Counter("bodysense_step_seconds", "Time spent on completing bodies, s", registry=registry)
+        self.stepping: Any = Counter(
+            "bodysense_step_seconds", "Processor time spent on completing bodies, s", registry=registry
+        )
         self.store_failures: Any = Counter(
             "bodysense_unshared", "Times that storing sessions failed", registry=registry
         )

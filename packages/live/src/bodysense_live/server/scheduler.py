@@ -13,7 +13,7 @@ import asyncio
 import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from time import monotonic, perf_counter
+from time import monotonic, thread_time
 from typing import Generic, Protocol, TypeVar
 
 from bodysense.io.formats.protocol import ProtocolError
@@ -41,7 +41,7 @@ class Scheduler(Generic[Slot]):
         deliver: called with a slot and its answer, or None if the step failed.
         refuse: called with a slot and the reason for which its client must be closed: a frame with an invalid value,
             or a failure to deliver.
-        on_stepped: called with the seconds that a common step took.
+        on_stepped: called with the processor time in s that a common step took.
     """
 
     def __init__(
@@ -105,10 +105,9 @@ class Scheduler(Generic[Slot]):
         jobs = [(slot, job) for slot in batch if (job := self._job(slot)) is not None]
         if not jobs:
             return
-        begun = perf_counter()  # a loop's own clock may have milliseconds only
         loop = asyncio.get_running_loop()
-        found = await loop.run_in_executor(self._thread, complete, [job for _, job in jobs])
-        self._on_stepped(perf_counter() - begun)
+        found, seconds = await loop.run_in_executor(self._thread, _timed, [job for _, job in jobs])
+        self._on_stepped(seconds)
         for (slot, job), result in zip(jobs, found, strict=True):
             self._finish(slot, None if result is None else (job, *result))
             self.ready(slot)  # a newer frame may have arrived meanwhile
@@ -127,6 +126,12 @@ class Scheduler(Generic[Slot]):
         except Exception:
             traceback.print_exc()
             self._refuse(slot, ProtocolError("the server failed to answer this session; connect again", 1011))
+
+
+def _timed(jobs: Sequence[CompletionJob]) -> tuple[list[tuple[Estimate, PipelineState] | None], float]:
+    """Return the results of `complete`, and the processor time in s of this thread."""
+    begun = thread_time()
+    return complete(jobs), thread_time() - begun
 
 
 def complete(jobs: Sequence[CompletionJob]) -> list[tuple[Estimate, PipelineState] | None]:

@@ -214,7 +214,7 @@ def publish(
     try:
         write_weights(TrainedNetworks(body, fingers, start, disagreement), beside, full_card)
         training_scenes, validation_scenes = (_scenes(data, split, limit, backward) for split in ("train", "val"))
-        samples = sample_errors(training_scenes, validation_scenes, load_completion(beside))
+        samples = sample_errors(training_scenes, validation_scenes, load_completion(beside, backward))
     finally:
         beside.unlink(missing_ok=True)
     steps = _FIT_STEPS if limit is None else _TRIAL_STEPS

@@ -97,7 +97,8 @@ class TakeTracker:
     @property
     def networks(self) -> tuple[CompletionModel | None, CompletionModel | None, JoiningNetwork | None]:
         """Forward, backward and joining network, opened once in each process; None: the packaged one."""
-        network, backward = (None if path is None else _load_model(path) for path in (self.model, self.backward_model))
+        network = None if self.model is None else _load_model(self.model)
+        backward = None if self.backward_model is None else _load_model(self.backward_model, backward=True)
         return network, backward, None if self.joining_model is None else _load_joining(self.joining_model)
 
     def __call__(self, person: Person, observation: Observation) -> TrackedMotion:
@@ -116,8 +117,8 @@ def _absolute(path: Path | None) -> Path | None:
 
 
 @lru_cache(maxsize=2)
-def _load_model(model: Path | None) -> CompletionModel:
-    return packaged_model() if model is None else load_completion(model)
+def _load_model(model: Path | None, backward: bool = False) -> CompletionModel:
+    return packaged_model(backward) if model is None else load_completion(model, backward)
 
 
 @lru_cache(maxsize=1)
