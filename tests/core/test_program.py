@@ -11,8 +11,6 @@ import pytest
 
 CORE = Path(__file__).parents[2] / "core"
 NAMES = re.findall(r'(?:begins\(|\{)"([a-z_]+)", ', (CORE / "test" / "test.c").read_text("utf-8"))
-    r'begins\("(\w+)"|^ +\{?\{"(\w+)", \w+\}', (CORE / "test" / "test.c").read_text("utf-8"), re.MULTILINE
-)
 WASI = """
 import {readFileSync} from 'node:fs'; import {WASI} from 'node:wasi';
 const wasi = new WASI({version: 'preview1', args: ['test', 'every_kernel']});
