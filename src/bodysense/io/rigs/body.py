@@ -171,7 +171,8 @@ def with_chains(tree: Tree, points: Mapping[str, int], kind: Kind) -> dict[str, 
     first, second, third = ROLES[kind]
     for side in ("left", "right"):
         names = [f"{side}_{role}" for role in (first, second, third)]
-        if all(name in found for name in names) or not any(name in found for name in names):
+        known = [found[name] for name in names if name in found]
+        if not known or (len(known) == len(names) and not tree.means(known[0], "collar")):
             continue
         other = "right" if side == "left" else "left"
         there = (points[f"{other}_{role}"] for role in (first, second, third) if f"{other}_{role}" in points)
