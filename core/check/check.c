@@ -1,13 +1,13 @@
 /* Frames of arbitrary numbers through the whole interface, for sanitizers; also a libFuzzer target (-DFUZZ).
  *
- *     check completion.safetensors [frames]
+ *     check [completion.safetensors [runs]]    a tiny random model if none is given
  */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "bodysense.h"
+#include "../test/random_model.h"
 
 #define MOST_FRAMES 4
 #define ALIGNED(bytes) (((bytes) + 63) / 64 * 64)
@@ -20,15 +20,24 @@ static void *memory(size_t bytes) {
     return found;
 }
 
-static int open_model(const char *path) {
+/* The bytes of a file; NULL if it cannot be read. */
+static char *read_file(const char *path, size_t *bytes) {
     FILE *file = fopen(path, "rb");
-    if (!file) return 0;
+    if (!file) return NULL;
     fseek(file, 0, SEEK_END);
-    size_t bytes = (size_t)ftell(file);
+    *bytes = (size_t)ftell(file);
     rewind(file);
-    char *weights = malloc(bytes);
-    size_t found = fread(weights, 1, bytes, file);
+    char *content = malloc(*bytes);
+    if (fread(content, 1, *bytes, file) != *bytes) abort();
     fclose(file);
+    return content;
+}
+
+/* Open a file of weights, or a tiny random model if `path` is NULL. */
+static int open_model(const char *path) {
+    size_t bytes = 0;
+    char *weights = path ? read_file(path, &bytes) : random_model(1, &bytes);
+    if (!weights) return 0;
     for (size_t part = 0; part < bytes; part += bytes / 7 + 1) { /* truncated files are refused */
         char *copy = malloc(part ? part : 1); /* so that reading beyond is seen */
         memcpy(copy, weights, part);
@@ -43,7 +52,7 @@ static int open_model(const char *path) {
     }
     size_t size = bs_model_size(weights, bytes);
     bs_result result = size ? bs_model_open(weights, bytes, memory(size), size, &model) : BS_MODEL_DAMAGED;
-    if (result != BS_OK || found != bytes) fprintf(stderr, "%s: %s\n", path, bs_message(result));
+    if (result != BS_OK) fprintf(stderr, "%s: %s\n", path ? path : "the tiny model", bs_message(result));
     free(weights);
     return result == BS_OK;
 }
@@ -173,7 +182,7 @@ static void run(source *from) {
 #ifdef FUZZ
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    if (!model && !open_model(getenv("WEIGHTS"))) abort();
+    if (!model && !open_model(NULL)) abort();
     run(&(source){data, size});
     return 0;
 }
@@ -181,8 +190,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
 int main(int count, char **arguments) {
     unsigned long long seed = 1;
     static unsigned char data[1 << 16];
-    if (count < 2 || !open_model(arguments[1])) {
-        fprintf(stderr, "usage: check completion.safetensors [runs]\n");
+    if (!open_model(count > 1 ? arguments[1] : NULL)) {
+        fprintf(stderr, "usage: check [completion.safetensors [runs]]\n");
         return 2;
     }
     int runs = count > 2 ? atoi(arguments[2]) : 50;

@@ -2,6 +2,7 @@
 #include "arms.h"
 
 #include "kinematics.h"
+#include "maths.h"
 
 static const float SHOULDER_DOUBT = 25.0F; /* 1/m: a shoulder 4 cm off turns its collar half as far as a sure one */
 static const float COLLAR_GIVES = 0.8F;    /* of a collar's length: what it gives an arm that is too short */
@@ -78,6 +79,6 @@ void keep_wrists(body *b, const tracked *t, pose_state *s) {
         s->wrist_lost[k] += t->interval;
         float u = s->wrist_lost[k] / KEPT_WRIST;
         vec3 turn = turn_between(b->rotation[wrist], product(chest_heading(b), s->wrist_kept[k]));
-        b->rotation[wrist] = turned_by(b->rotation[wrist], scale(turn, (1.0F + u) * expf(-u)));
+        b->rotation[wrist] = turned_by(b->rotation[wrist], scale(turn, (1.0F + u) * exponential(-u)));
     }
 }

@@ -1,5 +1,6 @@
 /* Blending a limb at a time: see blend.h. */
 #include "blend.h"
+#include "maths.h"
 
 /* A lost wrist or ankle keeps its velocity, which fades in LEAVING s, and is blended into the prediction. Half of the
  * distance remains after KEPT s, of a raised arm's after KEPT_RAISED s of a head that moves,
@@ -52,7 +53,7 @@ static float kept_share(const limb_task *task, const tracked *t, int limb, limb_
     float half = is_leg(limb) ? KEPT_LEG : KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * raised + (KEPT_LOW - KEPT_ARM) * rests;
     l->waned += t->interval + (t->waning - t->interval) * fmaxf(raised, rests);
     float u = l->waned / half;
-    return exp2f(-u * u / (1.0F + u) * 2.0F);
+    return power_of_two(-u * u / (1.0F + u) * 2.0F);
 }
 
 void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, int limb, bool changed,
@@ -72,7 +73,7 @@ void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, i
     if (l->lost >= 0.0F) {
         l->lost += t->interval;
         float share = kept_share(task, t, limb, l);
-        float gone = LEAVING * (1.0F - expf(-l->lost / LEAVING));
+        float gone = LEAVING * (1.0F - exponential(-l->lost / LEAVING));
         end = mix(end, along(l->end_kept, l->end_leaving, gone), share);
         middle = mix(middle, along(l->middle_kept, l->end_leaving, 0.5F * gone), share);
     }

@@ -1,5 +1,6 @@
 /* Feet that stand: held in place along the floor, and on the floor. */
 #include "feet.h"
+#include "maths.h"
 
 static const float HOLD = 0.5F, RELEASE = 0.1F; /* probability of contact from which a foot is held, and let go */
 static const float SURE = 0.7F;   /* probability of contact from which a foot is put on the floor entirely */
@@ -16,8 +17,6 @@ static const float REACH = 0.25F; /* m: a foot is moved no farther up or down to
 
 static float rest_height(const foot *f, int part) { return part == 1 ? f->ankle_rest : f->ball_rest; }
 static vec3 place(const foot *f, int part) { return part == 1 ? f->ankle : f->ball; }
-
-static float clamp(float value, float least, float most) { return fminf(fmaxf(value, least), most); }
 
 /* How far a part of a foot is too high to stand, or too low: below 0 (m). `sole` is how high it may be. */
 static float too_high(float height, float rest, float floor, float sole) {
@@ -42,7 +41,7 @@ static int holding(const foot *f, int before) {
 }
 
 void hold_feet(const foot foot[2], float floor, float interval, float upright, foot_state state[2], vec3 move[2]) {
-    float fade = exp2f(-interval / FADE), settle = 1.0F - exp2f(-interval / SETTLE), leak = exp2f(-interval / LEAK);
+    float fade = power_of_two(-interval / FADE), settle = 1.0F - power_of_two(-interval / SETTLE), leak = power_of_two(-interval / LEAK);
     /* Those who stand still on both feet stand lower, and do not step because the prediction sways. */
     float still = fminf(flatness(&state[0]), flatness(&state[1]));
     float sole = SOLE * (1.0F - STILL * still), drag = DRAG + (DRAG_STILL - DRAG) * still;

@@ -8,6 +8,7 @@
 
 #include "kinematics.h"
 #include "trunk.h"
+#include "maths.h"
 
 #define ROUNDS 16
 static const float DOUBT = 25.0F; /* 1/m: a point 4 cm off draws half as far as a sure one */
@@ -123,7 +124,7 @@ void fit_prediction(const tracked *t, pose_state *s, prediction *p) {
         p->rotation[j] = turned_onto(p->rotation[j], sub(b.point[end], b.point[j]), sub(found[end], found[j]));
     }
     /* Joints are turned without a jump if a measured point came or went. */
-    float left = t->at_once ? 0.0F : expf(-t->interval / FADE);
+    float left = t->at_once ? 0.0F : exponential(-t->interval / FADE);
     for (int j = 0; j < BODY_JOINTS; j++) {
         fitting *joint = &s->fitting[j];
         vec3 turn = turn_between(before[j], p->rotation[j]);

@@ -50,5 +50,5 @@ vec3 next_course(const pose_state *s, const tracked *t) {
         heading_of(t->rotation[HEAD], &cosine, &sine);
         return vec(sine, 0, cosine);
     }
-    return length(goes) < GOES ? s->course : unit(mix(s->course, unit(goes), 1.0F - exp2f(-t->interval / COURSE)));
+    return length(goes) < GOES ? s->course : unit(mix(s->course, unit(goes), 1.0F - power_of_two(-t->interval / COURSE)));
 }

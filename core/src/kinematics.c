@@ -1,5 +1,6 @@
 /* Placing bones, turning them onto directions, and two bones that reach a place. */
 #include "kinematics.h"
+#include "maths.h"
 
 
 /* Some unit vector across a unit vector. */
@@ -27,7 +28,7 @@ vec3 turn_between(mat3 from, mat3 to) {
     mat3 m = product(to, transpose(from));
     vec3 twice = vec(m.y.z - m.z.y, m.z.x - m.x.z, m.x.y - m.y.x); /* 2 sin(angle) axis */
     float sine = 0.5F * length(twice), cosine = 0.5F * (m.x.x + m.y.y + m.z.z - 1.0F);
-    float angle = atan2f(sine, cosine);
+    float angle = angle_of(sine, cosine);
     if (sine > 1e-4F) return scale(twice, angle / (2.0F * sine));
     if (cosine > 0.0F) return scale(twice, 0.5F);
     /* Half a turn: its axis is the largest column of m + 1. */
@@ -41,7 +42,9 @@ mat3 turned_by(mat3 rotation, vec3 turn) {
     float angle = length(turn);
     if (angle < 1e-7F) return rotation;
     vec3 k = scale(turn, 1.0F / angle);
-    float sine = sinf(angle), rest = 1.0F - cosf(angle);
+    float sine, cosine;
+    sine_cosine(angle, &sine, &cosine);
+    const float rest = 1.0F - cosine;
     vec3 *column[3] = {&rotation.x, &rotation.y, &rotation.z};
     for (int i = 0; i < 3; i++) {
         vec3 once = cross(k, *column[i]);

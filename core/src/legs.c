@@ -4,6 +4,7 @@
 #include "feet.h"
 #include "kinematics.h"
 #include "trunk.h"
+#include "maths.h"
 
 #define PULLS 6 /* times that measured legs pull a pelvis */
 static const float MAX_PELVIS_SHIFT = 0.15F; /* m, largest shift of the pelvis toward targets out of reach */
@@ -150,7 +151,7 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
     }
     vec3 move[2] = {{0, 0, 0}, {0, 0, 0}};
     if (settings->hold_feet) hold_feet(feet, t->floor, t->interval, uprightness(b, t, s), s->foot, move);
-    float lacking = 0.0F, settle = 1.0F - exp2f(-t->interval / SETTLE);
+    float lacking = 0.0F, settle = 1.0F - power_of_two(-t->interval / SETTLE);
     for (int k = 0; k < 2; k++) {
         if (s->foot[k].held == 0) continue;
         float longest = STRAIGHT * (length(task[k].upper) + length(task[k].lower));

@@ -2,6 +2,7 @@
 #include "limbs.h"
 
 #include "kinematics.h"
+#include "maths.h"
 
 const limb_joints LIMB[LIMBS] = {
     {LEFT_COLLAR, LEFT_SHOULDER, LEFT_ELBOW, LEFT_WRIST,
@@ -157,7 +158,7 @@ void hinge_elbow(body *b, const tracked *t, int limb, const hinge_state *hinge) 
     vec3 lower = rotate(b->rotation[j->middle], t->rest_offset[j->end]);
     vec3 bends = cross(upper, unit(lower)), axis = rotate(b->rotation[j->start], hinge_axis(t, limb, hinge));
     float share = fminf(fmaxf((length(bends) - STRAIGHT_ARM) / (BENT - STRAIGHT_ARM), 0.0F), 1.0F);
-    float angle = atan2f(dot(cross(axis, bends), upper), dot(axis, bends));
+    float angle = angle_of(dot(cross(axis, bends), upper), dot(axis, bends));
     b->rotation[j->start] = turned_by(b->rotation[j->start], scale(upper, share * angle));
     vec3 straight = rotate(b->rotation[j->start], t->rest_offset[j->end]);
     mat3 hinged = turned_onto(b->rotation[j->start], straight, lower);

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "quaternion.h"
+#include "maths.h"
 
 #define LEAST_UNSURE 0.001 /* m, of a bone */
 #define EVERY 0.1          /* s between two looks */
@@ -165,7 +166,7 @@ void mounts_step(const bs_person *person, double interval, mounts *own, tracked 
         }
         own->due = 0.0;
     }
-    double share = 1.0 - exp2(-interval / HALF_LIFE);
+    double share = 1.0 - exponential_double(-LN_2 * interval / HALF_LIFE);
     for (int w = 0; w < REFINED_JOINTS; ++w) {
         double *correction = own->correction[w];
         for (int c = 0; c < 3; ++c) correction[c] += share * (own->mean[3 * w + c] - correction[c]);

@@ -2,6 +2,7 @@
 #include "offset_decay.h"
 
 #include "kinematics.h"
+#include "maths.h"
 
 /* Points that affect the whole predicted body; the two hips count together. Cameras lose and find the other points in
  * most frames, so those are ignored. */
@@ -23,7 +24,7 @@ static bool decisive_change(const tracked *t, const pose_state *s) {
 static void fade(offset_decay *joint, float interval) {
     const float stiffness = 1.678F / HALF_LIFE; /* 1/s: (1 + x)·exp(−x) is a half at x = 1.678 */
     vec3 pace = along(joint->speed, joint->off, stiffness);
-    float remaining = expf(-stiffness * interval);
+    float remaining = exponential(-stiffness * interval);
     joint->off = scale(along(joint->off, pace, interval), remaining);
     joint->speed = scale(along(joint->speed, pace, -stiffness * interval), remaining);
 }

@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "maths.h"
 #include "shape.h"
 
 #define BIN 0.005      /* m */
@@ -168,7 +169,7 @@ static double upright_head(const float seconds[BINS], double *total) {
 
 enum stance { STANDS, SITS, LOW, HIGH };
 
-static double log_normal(double value, double variance) { return -0.5 * (value * value / variance + log(variance)); }
+static double log_normal(double value, double variance) { return -0.5 * (value * value / variance + logarithm_double(variance)); }
 
 /* Whether the wearer stands or sits, and what the head's height then says of the stature: NaN if nothing.
  *
@@ -277,7 +278,8 @@ static void look_at_head(const bs_person *person, const tracked *seen, proportio
         own->head[c] = world[c];
     }
     if (first) own->speed = 0.0;
-    double ahead = hypot(own->head[0] - own->been[0], own->head[2] - own->been[2]);
+    double aside = own->head[0] - own->been[0], forward = own->head[2] - own->been[2];
+    double ahead = sqrt(aside * aside + forward * forward);
     if (ahead > WALKS && ahead < RUNS && height > upright_head(own->seconds[HEAD_OVER_FLOOR], &total) - BOB)
         own->walked += own->since;
     bool above = !isnan(person->height) && height > rest_height(own->believed, HEAD) + TIPTOE;
@@ -290,7 +292,7 @@ static void look_at_head(const bs_person *person, const tracked *seen, proportio
 static void approach(const bs_person *person, double interval, proportions *own) {
     double now = rest_height(own->current, HEAD_TOP), goal = rest_height(own->believed, HEAD_TOP);
     double most = interval * (own->speed > MOVES || knows_height(person, own) ? MOVING_GROWTH : STILL_GROWTH);
-    double share = 1.0 - exp2(-interval / QUICK);
+    double share = 1.0 - exponential_double(-LN_2 * interval / QUICK);
     if (share * fabs(goal - now) > most) share = most / fabs(goal - now);
     for (int p = 0; p < BS_POINTS; ++p)
         for (int c = 0; c < 3; ++c) own->current[p][c] += share * (own->believed[p][c] - own->current[p][c]);

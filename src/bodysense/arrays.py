@@ -60,6 +60,22 @@ def read_array(path: str | Path) -> np.ndarray:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
 
 
+def holds_objects(path: str | Path) -> bool:
+    """Whether an .npy file is an array of Python's objects."""
+    try:
+        with Path(path).open("rb") as stream:
+            head = stream.read(_HEADER)
+        return head.startswith(_MAGIC) and _header(head)[2].hasobject
+    except Exception:  # a damaged file; reading it reports the damage
+        return False
+
+
+def object_pickle(path: str | Path) -> bytes:
+    """Return the pickle in an .npy file of objects."""
+    data = Path(path).read_bytes()
+    return data[_header(data[:_HEADER])[3] :]
+
+
 def array_shapes(path: str | Path) -> dict[str, tuple[int, ...]]:
     """Return the announced shapes of the arrays of an .npz file by name; empty for any other file."""
     shapes: dict[str, tuple[int, ...]] = {}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -159,27 +161,58 @@ def test_errors_name_the_problem(tmp_path: Path, vectors: np.ndarray, what: str)
     assert "a.npz" in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["a.pkl", "a.pt", "a.npy"])
-def test_pickles_are_refused_with_a_conversion_command(tmp_path: Path, name: str) -> None:
-    if name.endswith(".npy"):
-        np.save(tmp_path / name, np.array({"poses": np.zeros((3, 72))}, dtype=object), allow_pickle=True)
-    else:
-        (tmp_path / name).write_bytes(pickle.dumps({"poses": [1]}))
-    with pytest.raises(BodysenseError, match=r"may run any code.*convert it once: python -c .*savez"):
-        read(tmp_path / name)
-
-
-def test_the_conversion_of_a_pickled_array_works(tmp_path: Path, vectors: np.ndarray) -> None:
-    import subprocess
-    import sys
-
+@pytest.mark.parametrize("name", ["a.pkl", "a.npy"])
+def test_dictionaries_in_pickles_are_read(tmp_path: Path, vectors: np.ndarray, name: str) -> None:
     kept = {"poses": vectors[:, :24].reshape(-1, 72), "transl": np.zeros((90, 3)), "faces": None}
-    np.save(tmp_path / "a.npy", np.array(kept, dtype=object), allow_pickle=True)
-    with pytest.raises(BodysenseError) as caught:
-        read(tmp_path / "a.npy")
-    code = str(caught.value).partition('python -c "')[2].rpartition('"')[0]
-    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
-    assert len(read_smpl(tmp_path / "a_plain.npz")[0]) == 90
+    nested = {"meta": {"tool": "x"}, "camera": {"poses": 0 * kept["poses"]}, "person": {"world": kept}}
+    if name.endswith(".npy"):
+        np.save(tmp_path / name, np.array(nested, dtype=object), allow_pickle=True)
+    else:
+        (tmp_path / name).write_bytes(pickle.dumps(nested))
+    np.savez(tmp_path / "plain.npz", poses=kept["poses"], transl=kept["transl"])
+    found, plain = (read_smpl(tmp_path / one)[0] for one in (name, "plain.npz"))
+    np.testing.assert_array_equal(found.pose.rotation, plain.pose.rotation)
+
+
+class Hostile:
+    def __init__(self, function: Callable[..., object], *arguments: object) -> None:
+        self.reduced = function, arguments
+
+    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
+        return self.reduced  # type: ignore[return-value]
+
+
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_no_code_of_a_pickle_runs(tmp_path: Path, protocol: int) -> None:
+    mark = tmp_path / "ran"
+    endless: list[object] = []
+    endless.append(endless)
+    deep: object = 1
+    for _ in range(200):
+        deep = [deep, "x"]
+    for what in (
+        {"poses": Hostile(os.mkdir, str(mark))},
+        {"poses": Hostile(eval, f"__import__('os').mkdir({str(mark)!r})")},
+        {"poses": Hostile(np.memmap, str(mark), "u1", "w+", 0, (4,))},
+        {"poses": Path("a")},
+        {"poses": np.array([1]), "rest": endless},
+        deep,
+    ):
+        (tmp_path / "a.pkl").write_bytes(pickle.dumps(what, protocol))
+        with pytest.raises(BodysenseError, match=r"a\.pkl: "):
+            read(tmp_path / "a.pkl")
+        assert not mark.exists()
+
+
+@pytest.mark.parametrize("cut", [1, 40, 300])
+def test_damaged_pickles_are_refused(tmp_path: Path, vectors: np.ndarray, cut: int) -> None:
+    whole = pickle.dumps({"poses": vectors[:, :24].reshape(-1, 72)})
+    for data in (whole[:-cut], whole[:cut], whole.replace(b"f8", b"O8"), whole.replace(b"\x4b\x5a", b"\x4b\x5b")):
+        if data == whole:
+            continue
+        (tmp_path / "a.pkl").write_bytes(data)
+        with pytest.raises(BodysenseError, match=r"a\.pkl: "):
+            read(tmp_path / "a.pkl")
 
 
 def test_a_short_motion_of_three_frames_is_no_matrix(tmp_path: Path, vectors: np.ndarray) -> None:

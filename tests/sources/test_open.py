@@ -43,8 +43,8 @@ def test_every_kind_of_source_is_recognised(tmp_path: Path, waving_clip: Clip) -
 def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> None:
     write_bvh(tmp_path / "a.bvh", waving_clip)
     (tmp_path / "a.mp4").write_bytes(b"")
-    with pytest.raises(BodysenseError, match=r"a motion; --left-handed: for markers \(\.c3d, .* leave it out"):
-        open_source(tmp_path / "a.bvh", markers=MarkerOptions(left_handed=True))
+    with pytest.raises(BodysenseError, match=r"a motion; --unlabelled: for markers \(\.c3d, .* leave it out"):
+        open_source(tmp_path / "a.bvh", markers=MarkerOptions(unlabelled="left"))
     for options, message in (
         (ReadingOptions(unit="mm"), "--unit"),
         (ReadingOptions(smpl_model=tmp_path), "--smpl-model"),
@@ -60,7 +60,10 @@ def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> Non
         ("take.vmd", "MikuMikuDance, is not read; import model and motion in Blender"),
         ("keypoints.json", "OpenPose, .* give the video itself"),
         ("take.bvh.gz", "gunzip"),
-        ("take.pkl", "a pickle may run any code"),
+        ("take.amc", "convert it to BVH"),
+        ("take.usda", "convert it with Blender"),
+        ("take.dae", "convert it with Blender"),
+        ("take.mot", "with OpenSim"),
         ("take.txt", r"unknown kind of file .* markers \(\.c3d, .*recordings \(\.npz, .*videos \(\.mp4"),
     ],
 )

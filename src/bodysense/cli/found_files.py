@@ -91,7 +91,8 @@ def _read_other(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
         raise BodysenseError(f"{source.path}: a video; complete it: bodysense track {source.path.name} -o motion.bvh")
     if isinstance(opened, MotionSource):
         clip = replace(opened.clip, person=source.person, category=source.category)
-        summary = "; ".join(line.removeprefix("note: ") for line in opened.remarks)
+        warned = (f"WARNING: {line}" for line in clip.warnings)
+        summary = "; ".join((*(line.removeprefix("note: ") for line in opened.remarks), *warned))
         kind = KINDS.get(source.path.suffix.lower(), "AMASS or SMPL")
         return FoundFile(key, clip, kind=kind, summary=summary, rate=clip.frame_rate)
     seen = opened.recording.observation
@@ -126,7 +127,8 @@ def description_of(one: FoundFile) -> str:
         if one.rig.used < one.rig.count
         else ""
     )
-    return f"{one.key}: {one.rig.line()}; {sure}{left_out}"
+    warned = "".join(f"; WARNING: {line}" for line in (() if one.clip is None else one.clip.warnings))
+    return f"{one.key}: {one.rig.line()}; {sure}{left_out}{warned}"
 
 
 def table_of(found: list[FoundFile]) -> Table:

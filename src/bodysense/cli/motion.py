@@ -239,12 +239,13 @@ def convert(
     clip = converted(opened, out, rig=rig, rate=rate)
     print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
     joints, held = opened.held_still
-    warnings = []
+    warnings = list(opened.warnings)
     if held.any():
         lost = f"frames, of {len(held)}: {_frame_counts(joints, held, 'joints')}"
         lost = f"limbs are held still while the body moves, as lost ones are ({lost})"
-        warnings.append(f"{lost}; complete them: bodysense track {file.name} -o {out.name}")
-        print(f"WARNING: {warnings[0]}", file=sys.stderr)
+        lost = f"{lost}; complete them: bodysense track {file.name} -o {out.name}"
+        warnings.append(lost)
+        print(f"WARNING: {lost}", file=sys.stderr)
     values = {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig, "warnings": warnings}
     write_summary(json, [out], values)
 

@@ -28,6 +28,7 @@ class Clip:
     category: str = ""  # activity, if the data set names it
     has_fingers: bool = True  # False: not recorded, filled in with a relaxed hand
     lacks: tuple[str, ...] = ()  # parts of `PARTS` that were not recorded: their legs and arms keep still
+    warnings: tuple[str, ...] = ()  # doubts about the file that it was read from, with the option that settles each
 
     def __repr__(self) -> str:
         lacks = f", without {' and '.join(self.lacks)}" if self.lacks else ""

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from bodysense.io.rigs.joint_file import JointFile
     from bodysense.io.target_rigs.own_rig import SourceJoints
 
+_KEYED = 0.5  # share of frames in which descendants move while a joint is held on purpose
 FLAT = 0.5  # s: a limb whose numbers are constant for this long, while the trunk turns, was not tracked
 _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?:\s*:\s*(?P<first>\d+)\s*-\s*(?P<last>\d+))?")
 _RANGE = re.compile(r"(\s*:[^:A-Za-z]*\d[^:A-Za-z]*)+$")  # numbers after a colon that are no range
@@ -113,11 +114,20 @@ def flat_lined(file: JointFile, rig: SourceJoints) -> np.ndarray:
         for first, end in runs(still[:, joint]):
             if end - first + 1 < least or body[first:end].all():
                 continue
-            for other in below(joint, file.parents):
+            own = below(joint, file.parents)
+            if name.endswith("shoulder") and _moves_below(still[first:end, own], still[1:, own]):
+                continue  # keyed by hand: a lost arm is lost as a whole
+            for other in own:
                 moves = not still[1:, other].all() or other == joint or (always and other in limb)
                 if moves and still[first:end, other].all():
                     mask[first - 1 : end, other] = True
     return mask
+
+
+def _moves_below(during: np.ndarray, ever: np.ndarray) -> bool:
+    """Whether a joint's descendants (columns 1 …) move while it is still, of frames (N, J) that equal those before."""
+    turning = ~ever[:, 1:].all(axis=0)
+    return bool(turning.any() and (~during[:, 1:][:, turning]).mean() > _KEYED)
 
 
 def below(joint: int, parents: Sequence[int]) -> list[int]:

@@ -69,12 +69,15 @@ class BodyPlacement:
         return f"{sources[self.source]}; {floor}"
 
 
-def body_in_file(path: Path, smpl_model: Path | None) -> Clip:
-    """Read an AMASS file on its own body: bones by its `betas` if there is a model, else the default body."""
+def body_in_file(path: Path, smpl_model: Path | None, unit: float | None = None) -> Clip:
+    """Read an AMASS file on its own body: bones by its `betas` if there is a model, else the default body.
+
+    `unit` is metres of one unit of its path.
+    """
     if smpl_model is None:
-        return read_amass(path)
+        return read_amass(path, unit=unit)
     shape = shape_in_file(path, smpl_model)
-    return read_amass(path, shape.skeleton, shape.pelvis)
+    return read_amass(path, shape.skeleton, shape.pelvis, unit)
 
 
 def footing_of(clip: Clip) -> Footing:
@@ -155,10 +158,10 @@ def apply_placement(clip: Clip, placement: BodyPlacement) -> Clip:
 
 
 def read_with_placement(
-    path: Path, smpl_model: Path | None = None, known: BodyPlacement | None = None
+    path: Path, smpl_model: Path | None = None, known: BodyPlacement | None = None, unit: float | None = None
 ) -> tuple[Clip, BodyPlacement]:
     """Read an AMASS file with the height and floor of its person; without `known`, they come from this motion."""
-    clip = body_in_file(path, smpl_model)
+    clip = body_in_file(path, smpl_model, unit)
     if known is None:
         known = placement_of(footing_of(clip), has_bones=smpl_model is not None)
     return apply_placement(clip, known), known

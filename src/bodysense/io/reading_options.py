@@ -33,10 +33,12 @@ class ReadingOptions:
     """
     height: float | None = None
     """height of the body in metres, to which a motion is scaled; the file's, or inferred, if omitted."""
+    left_handed: bool = False
+    """the axes of the file are left-handed, as in Unity and Unreal: of markers and of a motion's joints."""
     joints: Path | None = None
     """joint map of a motion: a JSON file, drafted by `bodysense data joints`; if omitted, joints are recognised."""
     figure: int | None = None
-    """number of the body in a motion of several, counted from 1."""
+    """number of the body in a file of several, counted from 1."""
     animation: str | None = None
     """name of the animation in an FBX or glTF file of several; the one that moves most joints if omitted."""
     skin: str | None = None
@@ -74,7 +76,8 @@ class ReadingOptions:
     def for_the_world(self) -> list[str]:
         """Return the given options that place a body in our world, with their values."""
         given = ((name, getattr(self, name)) for name in ("unit", "up", "floor", "height"))
-        return [f"--{name} {value}" for name, value in given if value is not None]
+        mirrored = ["--left-handed"] if self.left_handed else []
+        return [*(f"--{name} {value}" for name, value in given if value is not None), *mirrored]
 
     @property
     def metres(self) -> float | None:

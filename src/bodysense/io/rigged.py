@@ -24,6 +24,7 @@ from bodysense.geometry.rotation import (
     quaternion_multiply,
     quaternion_rotate,
 )
+from bodysense.io.checked import checked
 from bodysense.io.clip import Clip, at_height
 from bodysense.io.formats.bvh import figures_of
 from bodysense.io.formats.bvh_text import open_bvh, parse_bvh
@@ -175,6 +176,7 @@ class Rigged:
     figure: Figure  # of the body chosen, in file units
     rig: Rig
     clip: Clip
+    is_mirrored: bool = False  # it was read as left-handed
 
 
 FBX = ".fbx"
@@ -210,11 +212,12 @@ def rigged_of(file: JointFile, options: ReadingOptions = AS_FOUND, *, must_stand
     figure = _chosen(file, options)
     rig = _recognised(file, figure, options)
     clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
+    clip = checked(clip, rig.warnings, rig.joints.keys())
     if options.height is not None:
         scale = options.height / clip.pose.skeleton.height
         rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)
         clip = at_height(clip, options.height)
-    return Rigged(file, figure, rig, clip)
+    return Rigged(file, figure, rig, clip, options.left_handed)
 
 
 def figure_of_file(data: bytes, path: Path, options: ReadingOptions = AS_FOUND) -> Figure:
@@ -224,20 +227,23 @@ def figure_of_file(data: bytes, path: Path, options: ReadingOptions = AS_FOUND) 
 
 def _recognised(file: JointFile, figure: Figure, options: ReadingOptions) -> Rig:
     """Recognise a figure; the file's unit and upward axis hold unless options give others, or no person fits them."""
-    up = options.up or file.up
+    format_up = file.up if options.up is None else None
     if options.unit is not None or file.unit is None:
-        return recognise(figure, replace(options, up=up))
-    rig = recognise(figure, replace(options, up=up, unit=file.unit))
+        return recognise(figure, options, format_up)
+    rig = recognise(figure, replace(options, unit=file.unit), format_up)
     if options.height is not None or SMALLEST <= rig.height <= TALLEST:
         return rig
-    found = recognise(figure, replace(options, up=up))
+    found = recognise(figure, options, format_up)
     stated = f"not units of {rig.unit:g} m, as the file says, in which it is {rig.height:.3g} m tall"
     return replace(found, notes=(*found.notes, stated))
 
 
 def _chosen(file: JointFile, options: ReadingOptions) -> Figure:
     """Return the body that the options choose."""
-    path, figures = file.path, bodies_of(figures_of(file), options)
+    figures = figures_of(file)
+    if options.left_handed:
+        figures = [figure.mirrored() for figure in figures]
+    path, figures = file.path, bodies_of(figures, options)
     names = ", ".join(f"{rank} ({figure.joints[0]})" for rank, figure in enumerate(figures, start=1))
     if options.figure is None and len(figures) > 1:
         raise BodysenseError(f"{path}: {len(figures)} bodies in it: {names}; choose one with --figure 1")

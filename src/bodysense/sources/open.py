@@ -12,27 +12,32 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from bodysense.arrays import array_shapes, conversion
+from bodysense.arrays import array_shapes
 from bodysense.body.hands.hand import Side, glove_hands, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.io.checked import checked
 from bodysense.io.clip import Clip
 from bodysense.io.formats.archive import ZIP, MotionFile
+from bodysense.io.formats.headset_log import is_headset_log, read_headset_log
+from bodysense.io.formats.pickled import ENDINGS as PICKLES
 from bodysense.io.formats.recording import Recording, is_recording, read_recording
 from bodysense.io.markers.options import ENDINGS as MARKER_ENDINGS
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_file
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.rigged import Rigged, read_rigged
 from bodysense.observing.observation import Observation, convert_world
+from bodysense.quality.plausible import floor_doubt
 
 if TYPE_CHECKING:
+    from bodysense.io.formats.point_layouts import JointPlaces
     from bodysense.io.markers.raw_markers import MarkerRecording
     from bodysense.sources.partial_motion import PartialMotion
 
-_MANY_KINDS = (".npz", ".npy")  # motions, recordings or joint positions, depending on their content
+_MANY_KINDS = (".npz", ".npy", *PICKLES)  # motions, recordings or joint positions, depending on their content
 _GLTF = (".glb", ".gltf", ".vrma", ".vrm")
 _JOINT_FILES = (".bvh", ".fbx")  # files whose joints can be written again
-MOTION_ENDINGS = (".bvh", ".fbx", ".npz", ".npy", *_GLTF)
+MOTION_ENDINGS = (".bvh", ".fbx", ".npz", ".npy", *_GLTF, *PICKLES)
 Kind = Literal["motion", "recording", "markers", "video"]
 HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs with constant values
 _NOTHING_HELD: HeldStill = (), np.zeros((0, 0), dtype=bool)
@@ -74,6 +79,11 @@ class MotionSource:
     def remarks(self) -> tuple[str, ...]:
         """Lines that describe the file as recognised."""
         return self._read[1]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Doubts about the motion, with the option that settles each."""
+        return self.clip.warnings
 
     @property
     def held_still(self) -> HeldStill:
@@ -170,8 +180,8 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
         return _open_recording(path, reading, markers)
     from bodysense.io.formats.smpl import joint_places
 
-    if (places := joint_places(path, markers.rate)) is not None:
-        return _open_joint_positions(path, *places, reading, markers)
+    if (places := joint_places(path, markers.rate, markers.points, reading.figure)) is not None:
+        return _open_joint_positions(path, places, replace(reading, figure=None), markers)
     return _motion_source(path, reading, markers)
 
 
@@ -211,7 +221,7 @@ def kind_of(source: str | Path) -> Kind:
         raise BodysenseError(f"{path}: no such file")
     check_kind(path)
     if is_marker_file(path):
-        return "markers"
+        return "recording" if is_headset_log(path) else "markers"
     if is_recording(path):
         return "recording"
     if ending not in (*MOTION_ENDINGS, ZIP):
@@ -228,8 +238,6 @@ def check_kind(path: str | Path) -> None:
     ending = path.suffix.lower()
     if ending == ".gz":
         raise BodysenseError(f"{path}: compressed by gzip; unpack it: gunzip -k {path.name}")
-    if ending in _PICKLES:
-        raise BodysenseError(f"{path}: a pickle may run any code when it is read; {conversion(path)}")
     if ending in _UNSUPPORTED:
         raise BodysenseError(f"{path}: {_UNSUPPORTED[ending]}")
     if ending == ".npz" and "results" in array_shapes(path):
@@ -239,15 +247,35 @@ def check_kind(path: str | Path) -> None:
         )
 
 
-_PICKLES = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
 # Unsupported files that users often have, and the fix for each.
 _UNSUPPORTED = {
     ".mvnx": "MVNX is not read; export the take from Xsens as .bvh (or .c3d): File, Export, in MVN",
     ".mvn": "Xsens's own format is not read; export the take as .bvh (or .c3d): File, Export, in MVN",
     ".vmd": "VMD, a motion of MikuMikuDance, is not read; import model and motion in Blender with MMD Tools, and "
     "export them as .glb or .bvh",
-    ".json": "JSON of key points (OpenPose, AlphaPose …) is not read: it is flat, in pixels; give the video itself, or "
-    "make places in space of it, as a .trc (Pose2Sim, OpenCap)",
+    ".json": "JSON of key points or of SMPL is not read: of a picture (OpenPose, AlphaPose …) give the video itself; "
+    "write places in space as .csv (NAME.x, NAME.y, NAME.z) or .npy, and parameters of SMPL with numpy.savez, as "
+    "'poses' and 'trans'",
+    ".asf": "a skeleton without motion; convert it and its .amc to BVH (the library has its takes as BVH, too), or "
+    "import both in Blender and export them as .bvh or .glb",
+    ".amc": "AMC, a motion of an ASF skeleton, is not read; convert it to BVH (the library has its takes as BVH, too), "
+    "or import it in Blender and export it as .bvh or .glb",
+    ".mot": "joint angles of OpenSim are not read; track the markers they come from (.trc), or convert them to "
+    "joint places with OpenSim (Analyze, PointKinematics) and save those as .trc",
+    ".sto": "a table of OpenSim is not read; track the markers it comes from (.trc), or convert it to joint places "
+    "with OpenSim (Analyze, PointKinematics) and save those as .trc",
+    **{
+        ending: f"{name} is not read; convert it with Blender: import it and export it as .glb, or: blender -b "
+        f"--python-expr \"import bpy; bpy.ops.wm.{call}(filepath='scene{ending}'); "
+        "bpy.ops.export_scene.gltf(filepath='scene.glb')\""
+        for ending, name, call in (
+            (".usd", "USD", "usd_import"),
+            (".usda", "USD", "usd_import"),
+            (".usdc", "USD", "usd_import"),
+            (".usdz", "USD", "usd_import"),
+            (".dae", "Collada", "collada_import"),
+        )
+    },
 }
 
 
@@ -271,8 +299,10 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
     from bodysense.io.formats.smpl import is_smpl, read_smpl
 
     if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
-        clip, remarks = read_smpl(path, rate, options.smpl_model)
-        return apply_options(clip, options, "results of SMPL", "y"), tuple(f"note: {remark}" for remark in remarks)
+        clip, remarks = read_smpl(path, rate, options)
+        told = replace(options, unit=None, up=None, figure=None)
+        clip = checked(apply_options(clip, told, "results of SMPL", "y"))
+        return clip, tuple(f"note: {remark}" for remark in remarks)
     if path.suffix.lower() in _GLTF:
         from bodysense.io.formats.gltf.motion import read_gltf
 
@@ -281,7 +311,8 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
             f"note: {remark}" for remark in remarks
         )
     clip, placement = read_amass_source(MotionEntry(path, person="", split="test"), options)
-    return clip, () if placement is None else (f"note: {placement.remark}",)
+    far = floor_doubt(0.0 if placement is None else placement.floor)
+    return checked(clip, [] if far is None else [far.text]), () if placement is None else (f"note: {placement.remark}",)
 
 
 def _still_limbs(rigged: Rigged) -> HeldStill:
@@ -306,6 +337,10 @@ def _refuse_options(name: str | Path, kind: str, markers: MarkerOptions) -> None
 
 
 def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions) -> RecordingSource:
+    if is_headset_log(path):
+        _refuse_options(path, "a headset's log", replace(markers, rate=None))
+        log = read_headset_log(path, markers.rate, reading.left_handed)
+        return _recording_source(str(path), log, replace(reading, left_handed=False))
     _refuse_options(path, "a recording", replace(markers, marker_set=None))
     recording = read_recording(path)
     if glove_hands(recording.observation.points):
@@ -315,7 +350,7 @@ def _open_recording(path: Path, reading: ReadingOptions, markers: MarkerOptions)
 
 def _recording_source(name: str, recording: Recording, reading: ReadingOptions) -> RecordingSource:
     """Return the source of a recording, converted from the given unit and upward axis to metres and +Y up."""
-    for option in reading.for_motions():
+    for option in (*reading.for_motions(), *(["--left-handed"] if reading.left_handed else [])):
         raise BodysenseError(f"{name}: {option} is for motions, not for recordings; leave it out")
     observation = convert_world(recording.observation, reading.unit, reading.up)
     return RecordingSource(name, replace(recording, observation=observation), reading)
@@ -351,27 +386,23 @@ def _open_markers(path: Path, reading: ReadingOptions, markers: MarkerOptions) -
 
 
 def _open_joint_positions(
-    path: Path,
-    joints: np.ndarray,
-    rate: float,
-    remarks: tuple[str, ...],
-    reading: ReadingOptions,
-    markers: MarkerOptions,
+    path: Path, found: JointPlaces, reading: ReadingOptions, markers: MarkerOptions
 ) -> MarkerSource:
-    """Open an array of joint positions (T, 22, 3) as markers in the joints; the tracker finds the rotations."""
+    """Open an array of joint places as markers in the joints; the tracker finds the rotations."""
     from bodysense.io.markers.body import body_of
     from bodysense.io.markers.marker_sets import recognised
     from bodysense.io.markers.raw_markers import RawMarkers
 
     form = markers.form(reading)
-    names = default_skeleton().joints[: joints.shape[1]]
-    known = recognised(names)
+    known = recognised(found.names)
     assert known is not None
-    found = body_of(RawMarkers(names, joints, np.arange(len(joints)) / rate, rate), form, known, str(path))
-    line = f"an array of joint places {joints.shape}, not of rotations: the body is completed from them"
-    lines = tuple(f"note: {line}" for line in (line, *remarks, *found.remarks[1:]))
-    recording = Recording(found.observation, default_skeleton(), known=False)
-    return MarkerSource(str(path), path, recording, lines, found.warnings)
+    frames = np.arange(len(found.place)) / found.rate
+    raw = RawMarkers(found.names, found.place, frames, found.rate, axes=found.axes)
+    body = body_of(raw, form, known, str(path))
+    line = f"an array of joint places {found.place.shape}, not of rotations: the body is completed from them"
+    lines = tuple(f"note: {line}" for line in (line, *found.remarks, *body.remarks[1:]))
+    recording = Recording(body.observation, default_skeleton(), known=False)
+    return MarkerSource(str(path), path, recording, lines, body.warnings)
 
 
 def _label_gloves(path: Path, options: MarkerOptions, reading: ReadingOptions) -> Observation:

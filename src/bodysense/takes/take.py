@@ -213,7 +213,8 @@ def track(
         text = str(error)
         raise error if signal.name in text else BodysenseError(f"{signal.name}: {text}") from None
     if isinstance(opened, MotionSource):
-        return replace(take, source=opened.joint_file, reading=opened.options)
+        remarks = (*opened.warnings, *take.remarks)
+        return replace(take, source=opened.joint_file, reading=opened.options, remarks=remarks)
     return take
 
 
@@ -239,7 +240,7 @@ def _fill_take(partial: PartialMotion, completion: _Completion) -> Take:
     rotation = fill_motion(partial, take.estimate, completion.settings.floor, causal=completion.causal)
     file = None if partial.file is None else partial.file.with_rotation(rotation, partial.missing)
     whole = clip if partial.is_whole else replace(clip, pose=pose_of(partial, rotation))
-    return replace(take, clip=whole, partial=partial, file=file)
+    return replace(take, clip=whole, partial=partial, file=file, remarks=(*clip.warnings, *take.remarks))
 
 
 def _track_signal(signal: Signal, completion: _Completion, markers: MarkerSource | None = None) -> Take:

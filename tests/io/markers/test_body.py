@@ -299,7 +299,7 @@ def test_a_walking_trial_without_markers_on_knees_keeps_its_feet(unseen_body: Cl
 
 def test_marker_sets_are_consistent() -> None:
     points = set().union(*({recipe.name for recipe in one.points} for one in marker_sets()))
-    assert len(marker_sets()) == 9 and {"left_hip", "right_wrist", "head"} <= points
+    assert len(marker_sets()) == 10 and {"left_hip", "right_wrist", "head"} <= points
     for one in marker_sets():
         labels = set(one.labels.values())
         made = {recipe.name for recipe in one.points}

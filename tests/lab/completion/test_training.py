@@ -1,6 +1,7 @@
 """Training sequences and training: shapes, retargeting, mirror images, lost sensors, averaged weights."""
 
 from dataclasses import replace
+from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from bodysense_lab.completion.data.sensor_draws import (
     KINDS,
     SensorMasks,
     draw_sensors,
+    draw_usual_sensors,
     loss_durations,
     lost_hand,
     rotation_only,
@@ -288,6 +290,21 @@ def test_keep_averages_trained_and_initial_weights(tmp_path: Path, monkeypatch: 
 def test_staying_close_without_begin_with_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BodysenseError, match=r"--stay-close 1: close to which network\? Give --begin-with, too"):
         CompletionTraining(data=tmp_path, out=tmp_path / "a.safetensors", stay_close=1.0)
+
+
+def test_protecting_without_begin_with_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BodysenseError, match=r"--protect 16: the answers of which network\? Give --begin-with, too"):
+        CompletionTraining(data=tmp_path, out=tmp_path / "a.safetensors", protect=16.0)
+
+
+@pytest.mark.parametrize("usual", [True, False])
+def test_sensors_of_one_sort_are_drawn(corpus: Corpus, usual: bool) -> None:
+    """A protected training draws sensors that the earlier network was not trained on."""
+    task = replace(task_of(corpus), sensors=partial(draw_usual_sensors, usual=usual))
+    batch = assembled(next(task.batches(np.random.default_rng(7))))
+    turned_only = batch.signal.has_rotation[..., HEAD] & ~batch.signal.has_position[..., HEAD]
+    assert bool(turned_only.any()) != usual
+    assert usual or not batch.usual.any()
 
 
 def test_a_teacher_has_a_memory_of_its_own_and_pulls_usual_sequences(corpus: Corpus) -> None:

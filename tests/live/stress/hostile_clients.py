@@ -65,6 +65,7 @@ class FakeSocket:
 
     def __init__(self) -> None:
         self.incoming: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
+        self.client = None  # the address, which this transport lacks
         self.poses = 0
         self.last: bytes = b""
         self.code: int | None = None

@@ -84,14 +84,14 @@ def read_amass_source(source: Source, options: ReadingOptions) -> tuple[Clip, Bo
     Then only the floor is found, where the feet of this motion stand.
     """
     if source.skeleton is not None:
-        clip = read_amass(source.path, source.skeleton)
+        clip = read_amass(source.path, source.skeleton, unit=options.metres)
         if options.floor is None:
             clip = with_floor(clip, standing_floor(clip))
-        return apply_options(clip, options, "AMASS files", "z"), None
-    clip, placement = read_with_placement(source.path, options.smpl_model, source.placement)
+        return apply_options(clip, replace(options, unit=None), "AMASS files", "z"), None
+    clip, placement = read_with_placement(source.path, options.smpl_model, source.placement, options.metres)
     if options.floor is not None:  # undo the floor that was found
         clip = with_floor(clip, -placement.floor)
-    return apply_options(clip, options, "AMASS files", "z"), placement
+    return apply_options(clip, replace(options, unit=None), "AMASS files", "z"), placement
 
 
 def list_sources(directory: str | Path, layout: Layout | None = None) -> list[Source]:
@@ -182,6 +182,8 @@ def apply_options(clip: Clip, options: ReadingOptions, kind: str, up: str) -> Cl
             raise BodysenseError(
                 f"{clip.name}: {kind} hold one body, in metres, whose joints are known; leave --{option} out"
             )
+    if options.left_handed:
+        raise BodysenseError(f"{clip.name}: {kind} are right-handed; leave --left-handed out")
     if options.up not in (None, up):
         raise BodysenseError(f"{clip.name}: {kind} are {up} up; leave --up {options.up} out")
     if options.floor is not None:

@@ -22,25 +22,34 @@ from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, qu
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import with_fingers
 from bodysense.observing.world_axes import TURNS
+from bodysense.quality.plausible import path_in_metres
 
 # Columns of `poses` that are pelvis and body, then both hands, by width. SMPL-X has jaw and eyes between them.
 _LAYOUT = {156: (slice(0, 66), slice(66, 156)), 165: (slice(0, 66), slice(75, 165))}
 _KEYS = ("poses", "root_orient", "pose_body", "pose_hand", "trans", "mocap_framerate", "mocap_frame_rate")
 
 
-def read_amass(path: str | Path, skeleton: Skeleton | None = None, trans_to_pelvis: Any = (0.0, 0.0, 0.0)) -> Clip:
+def read_amass(
+    path: str | Path,
+    skeleton: Skeleton | None = None,
+    trans_to_pelvis: Any = (0.0, 0.0, 0.0),
+    unit: float | None = None,
+) -> Clip:
     """Read a motion of SMPL-H (T, 156) or SMPL-X (T, 165) from an .npz file of the AMASS layout.
 
     `skeleton` has the 52 joints; None takes the default one, which `io.placement` then fits. `trans_to_pelvis` (3,)
     metres is added to `trans` to give the pelvis joint: zeros for files whose `trans` is that joint; for AMASS proper,
-    whose `trans` moves the whole model, the rest place of the model's pelvis (`body_model.Shape.pelvis`). Fingers that
-    were not recorded are relaxed (`io.fingers`).
+    whose `trans` moves the whole model, the rest place of the model's pelvis (`body_model.Shape.pelvis`). `unit` is
+    metres of one unit of `trans`; None: metres, or centimetres or millimetres if the body moves too fast in metres.
+    Fingers that were not recorded are relaxed (`io.fingers`).
     Raises BodysenseError, naming the file, for anything that is not such a motion.
     """
     path = Path(path)
     arrays = read_arrays(path, _KEYS)
     axis_angle = _axis_angle(path, arrays)
     trans = checked_array(path, arrays, "trans", (len(axis_angle), 3))
+    rate = _frame_rate(path, arrays)
+    trans, warnings = path_in_metres(trans, rate, unit, "trans")
     skeleton = skeleton or default_skeleton()
     smplh = default_skeleton().joints  # the default skeleton's joints are SMPL-H's, in its order
     if set(skeleton.joints) != set(smplh):
@@ -51,7 +60,7 @@ def read_amass(path: str | Path, skeleton: Skeleton | None = None, trans_to_pelv
     root = quaternion_rotate(TURNS["z"], trans + np.asarray(trans_to_pelvis, dtype=float))
     pose = Pose(skeleton, root, quaternion_canonical(rotation))
     pose, has_fingers = with_fingers(pose)
-    return Clip(path.stem, pose, _frame_rate(path, arrays), has_fingers=has_fingers)
+    return Clip(path.stem, pose, rate, has_fingers=has_fingers, warnings=tuple(warnings))
 
 
 def read_shape(path: str | Path) -> tuple[np.ndarray, str]:

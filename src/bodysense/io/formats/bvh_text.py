@@ -19,13 +19,17 @@ MOST_NODES = 20_000  # joints and end sites; no body has a tenth of them
 
 _TOKEN = re.compile(
     r"\s*(?:(?P<open>\{)|(?P<close>\})"
-    r"|(?P<root>ROOT\b|JOINT\b)[ \t]*(?P<name>[^\r\n{}]*)|(?P<end>End\s+Site\b)[^\r\n{}]*"
+    r"|(?P<root>ROOT\b|JOINT\b)[ \t]*(?P<name>[^\r\n{}]*)|(?P<end>End\s+Site\w*)[^\r\n{}]*"
     r"|OFFSET(?P<offset>(?:\s+[^\s{}]+){3})"
     r"|CHANNELS\s+(?P<count>\d{1,2})\b(?P<channels>(?:\s+[XYZ](?:position|rotation)\b)*))",
     re.IGNORECASE,
 )
+_HIERARCHY = re.compile(
+    rb"(?:\xef\xbb\xbf)?(?:\s*(?:#|//|;|%)[^\r\n]*)*\s*HIERARCHY\b", re.IGNORECASE
+)  # comments before
 _MOTION = re.compile(rb"(?:^|\r)[ \t]*MOTION\b", re.MULTILINE | re.IGNORECASE)
 _NOT_A_NUMBER = re.compile(rb"(?<!\S)[-+]?(?:1\.#\w+|nan\(\w*\))", re.IGNORECASE)  # as some compilers write NaN
+_A_RATE = 5.0  # s; a longer frame time is a number of frames a second
 _TIMING = re.compile(rb"(\s*Frames\s*:\s*)(\d{1,12})(\s+Frame\s+Time\s*:\s*)(\S+)(\s*)", re.IGNORECASE)
 
 
@@ -102,12 +106,14 @@ def open_bvh(path: str | Path) -> BvhFile:
 def _parsed(data: bytes, path: Path) -> BvhFile:
     """Parse a file's bytes; values may be NaN, infinite or huge."""
     check_plain(data[:64], path)
-    if not data.removeprefix(b"\xef\xbb\xbf").lstrip()[:9].upper() == b"HIERARCHY":
+    hierarchy = _HIERARCHY.match(data)
+    if hierarchy is None:
         raise BodysenseError(f"{path}: is not a BVH file: it does not begin with HIERARCHY")
-    motion = _MOTION.search(data)
+    motion = _MOTION.search(data, hierarchy.end())
     if motion is None:
         raise BodysenseError(f"{path}: there is no MOTION section; the file is cut off, copy or export it again")
-    tree = _parse_hierarchy(path, data[: motion.start()].decode("utf-8-sig", errors="replace"))
+    first_line = data.count(b"\n", 0, hierarchy.end()) + 1
+    tree = _parse_hierarchy(path, data[hierarchy.end() : motion.start()].decode(errors="replace"), first_line)
     timing = _TIMING.match(data, motion.end())
     if timing is None:
         raise BodysenseError(f"{path}: 'Frames:' and 'Frame Time:' must follow MOTION; the file is cut off or damaged")
@@ -118,6 +124,11 @@ def _parsed(data: bytes, path: Path) -> BvhFile:
     if b"#" in text or b"(" in text:
         text = _NOT_A_NUMBER.sub(b"nan", text)
     values = _numbers(path, text)
+    if values.size != frames * channels and (width := _width_of_rows(text, frames)) not in (0, channels):
+        raise BodysenseError(
+            f"{path}: 'Frames: {frames}' announces {frames * channels} values ({channels} channels), but each row has "
+            f"{width}; the hierarchy is of another motion: export the file again"
+        )
     if values.size != frames * channels:
         rows, rest = divmod(values.size, channels)
         raise BodysenseError(
@@ -141,18 +152,25 @@ def _parsed(data: bytes, path: Path) -> BvhFile:
     )
 
 
-def _parse_hierarchy(path: Path, text: str) -> list[Node]:
-    """Return the joints and End Sites of a file, parents before children."""
+def _width_of_rows(text: bytes, frames: int) -> int:
+    """Return the number of values in each row if all rows have as many and there is one for each frame, else 0."""
+    widths = {len(line.split()) for line in text.splitlines() if line.strip()}
+    lines = sum(bool(line.strip()) for line in text.splitlines())
+    return widths.pop() if lines == frames and len(widths) == 1 else 0
+
+
+def _parse_hierarchy(path: Path, text: str, first_line: int) -> list[Node]:
+    """Return the joints and End Sites of the text after HIERARCHY, parents before children."""
     nodes: list[Node] = []
     stack: list[int] = []
     declared: int | None = None  # a node whose '{' is still to come
-    place = re.compile(r"\s*HIERARCHY", re.IGNORECASE).match(text).end()  # type: ignore[union-attr]
+    place = 0
     end = len(text.rstrip())
     while place < end:
         token = _TOKEN.match(text, place)
 
         def broken(what: str, at: int = place) -> BodysenseError:
-            line = text.count("\n", 0, at + len(text[at:]) - len(text[at:].lstrip())) + 1
+            line = text.count("\n", 0, at + len(text[at:]) - len(text[at:].lstrip())) + first_line
             return BodysenseError(f"{path}: line {line}: {what}; mend the file or export it again")
 
         if len(nodes) > MOST_NODES:
@@ -215,6 +233,11 @@ def _frame_rate(path: Path, text: bytes) -> float:
     if not 1e-5 <= seconds <= 1e3:  # NaN, too
         raise BodysenseError(
             f"{path}: Frame Time is {text.decode(errors='replace')!r}; it must be seconds, e.g. 0.0333333"
+        )
+    if seconds >= _A_RATE:
+        raise BodysenseError(
+            f"{path}: Frame Time is {seconds:g} seconds, which is a rate of {1 / seconds:.3g} Hz; if {seconds:g} is "
+            f"the rate of frames a second, write Frame Time: {1 / seconds:.7g}"
         )
     rate = 1 / seconds
     return float(round(rate)) if abs(rate - round(rate)) < 1e-4 * rate else rate

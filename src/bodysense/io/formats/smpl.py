@@ -8,13 +8,15 @@ the default one unless a body model (`io.body_model`) gives it the bones of its 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from bodysense.arrays import array_shapes, read_array, read_arrays
+from bodysense.arrays import array_shapes
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.shape import stature
+from bodysense.body.skeleton import BODY as BODY_JOINTS
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import sound
@@ -28,7 +30,28 @@ from bodysense.geometry.rotation import (
 from bodysense.io.clip import Clip
 from bodysense.io.fingers import is_finger, with_fingers
 from bodysense.io.formats.body_model import shape_in_file
-from bodysense.observing.world_axes import TURNS
+from bodysense.io.formats.motion_arrays import (
+    MOTION,
+    VECTOR,
+    as_frames,
+    is_pickled,
+    motion_arrays,
+    places_of_vectors,
+)
+from bodysense.io.formats.pickled import ENDINGS as PICKLES
+from bodysense.io.formats.point_layouts import DOWN, LAYOUTS, Y_DOWN, JointPlaces, Layout, layouts_of
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
+from bodysense.observing.world import (
+    USUAL,
+    clearance_of,
+    doubts,
+    judged_up,
+    moments,
+    signed,
+    told_warning,
+)
+from bodysense.observing.world_axes import TURNS, UpAxis
+from bodysense.quality.plausible import path_in_metres
 
 USUAL_RATE = 30.0  # Hz, for files without a rate
 WHOLE = ("poses", "pose", "smpl_poses", "fullpose", "full_pose", "poses_body", "pose_world", "pose_aa", "smpl_thetas")
@@ -36,10 +59,10 @@ ORIENT = ("global_orient", "root_orient", "root_pose", "global_orient_world")
 BODY = ("body_pose", "pose_body")
 HANDS = {"left": ("left_hand_pose", "lhand_pose"), "right": ("right_hand_pose", "rhand_pose")}
 PLACE = ("transl", "trans", "smpl_trans", "trans_world", "translation", "root_trans", "global_transl", "cam_trans")
+SCALING = "smpl_scaling"  # of a set of dances: units of `smpl_trans` in a metre
 RATE = ("fps", "mocap_framerate", "mocap_frame_rate", "frame_rate", "framerate")
-_KEYS = (*WHOLE, *ORIENT, *BODY, *HANDS["left"], *HANDS["right"], *PLACE, *RATE)
+_KEYS = (*WHOLE, *ORIENT, *BODY, *HANDS["left"], *HANDS["right"], *PLACE, *RATE, SCALING)
 _AMASS = {156, 165}  # widths of `poses` that `io.amass` reads
-_UPRIGHT = 0.5  # mean cosine above which a body stands along an axis
 _FLOOR = 0.1  # m: a floor closer to 0 is taken as 0
 _SQUARE = 0.05  # largest deviation of a matrix from a rotation
 _LARGEST = 6 * np.pi  # rad; longer rotation vectors are degrees, or no rotations
@@ -55,7 +78,7 @@ _FEWEST = 14  # bones that are seen
 def is_smpl(path: str | Path) -> bool:
     """Whether a file is SMPL but not AMASS: an .npy, or an .npz with such arrays."""
     path = Path(path)
-    if path.suffix.lower() == ".npy":
+    if path.suffix.lower() in (".npy", *PICKLES):
         return True
     if path.suffix.lower() != ".npz":
         return False
@@ -68,31 +91,64 @@ def is_smpl(path: str | Path) -> bool:
     return not (rated and (whole or {"root_orient", "pose_body", "pose_hand"} <= names))
 
 
-def joint_places(path: str | Path, rate: float | None = None) -> tuple[np.ndarray, float, tuple[str, ...]] | None:
-    """Return joint positions (T, 22, 3) in SMPL's order, their rate in Hz and remarks if a file holds these; else None.
+def joint_places(
+    path: str | Path, rate: float | None = None, layout: Layout | None = None, figure: int | None = None
+) -> JointPlaces | None:
+    """Return joint places of a file that holds these, in SMPL's order or in that of a layout; else None.
 
     An array (T, joints, 3) or (T, 3 joints) may hold rotations (axis-angle) or positions. The usual distances between
     joints that a bone connects are those of a body, up to its size, if they are positions; those of rotation vectors
-    are not. Positions that are not finite are missing (NaN). `rate` is used in place of the file's.
+    are not. Positions that are not finite are missing (NaN). `rate` is used in place of the file's; `figure` chooses
+    one of several motions.
+
+    Raises BodysenseError for an array of another layout than the given one, and for one that needs a layout.
     """
     path = Path(path)
     if not is_smpl(path):
         return None
     try:
-        arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, (*WHOLE, *RATE))
+        arrays = motion_arrays(path, (*_KEYS, MOTION), (*WHOLE, *ORIENT), figure)
     except BodysenseError:
+        if is_pickled(path):
+            raise
         return None  # reading it reports the error
-    found = _first(arrays, WHOLE)
+    found = _first(arrays, (MOTION, *WHOLE))
     if found is None or found[1].dtype.kind not in "fiu" or not len(found[1]):
         return None
-    if found[1].shape[1:] not in {shape for count in (22, 24, 52, 55) for shape in ((count, 3), (3 * count,))}:
+    values = as_frames(found[1], str(path), figure)
+    if MOTION in arrays and "lengths" in arrays and arrays["lengths"].size == len(found[1]):
+        values = values[: int(arrays["lengths"].reshape(-1)[(figure or 1) - 1])]
+    remarks: list[str] = []
+    if layout == "humanml3d" and values.shape[1:] == (VECTOR,):
+        place = places_of_vectors(values.astype(np.float64))
+        return JointPlaces(place, default_skeleton().joints[:22], _rate(path, arrays, rate, remarks), tuple(remarks))
+    if layout is not None:
+        names = LAYOUTS.get(layout, ())
+        if values.shape[1:] not in {(len(names), 3), (3 * len(names),)}:
+            raise BodysenseError(
+                f"{path}: --points {layout}: its points are (T, {len(names) or VECTOR}{', 3' if names else ''}), but "
+                f"the array is {values.shape}; give the layout that it has: {', '.join(layouts_of(values) or LAYOUTS)}"
+            )
+        place = _finite(values.reshape(len(values), -1, 3))
+        axes = DOWN if layout in Y_DOWN else None
+        return JointPlaces(place, names, _rate(path, arrays, rate, remarks), tuple(remarks), axes)
+    if fitting := layouts_of(values):
+        of = "263 numbers a frame, as HumanML3D has (recover_from_ric)" if "humanml3d" in fitting else "points"
+        raise BodysenseError(
+            f"{path}: an array {values.shape} of {of}, whose layout is not told; give it: "
+            f"{' or '.join(f'--points {name}' for name in fitting)}"
+        )
+    if values.shape[1:] not in {shape for count in (22, 24, 52, 55) for shape in ((count, 3), (3 * count,))}:
         return None
-    place = found[1].reshape(len(found[1]), -1, 3)[:, :22].astype(np.float64)
-    place = np.where(sound(place).all(axis=-1, keepdims=True), place, np.nan)
+    place = _finite(values.reshape(len(values), -1, 3)[:, :22])
     if not _is_body(place):
         return None
-    remarks: list[str] = []
-    return place, _rate(path, arrays, rate, remarks), tuple(remarks)
+    return JointPlaces(place, default_skeleton().joints[:22], _rate(path, arrays, rate, remarks), tuple(remarks))
+
+
+def _finite(place: np.ndarray) -> np.ndarray:
+    place = place.astype(np.float64)
+    return np.where(sound(place).all(axis=-1, keepdims=True), place, np.nan)
 
 
 def _is_body(place: np.ndarray) -> bool:
@@ -112,50 +168,46 @@ def _is_body(place: np.ndarray) -> bool:
 
 
 def read_smpl(
-    path: str | Path, rate: float | None = None, smpl_model: Path | None = None
+    path: str | Path, rate: float | None = None, options: ReadingOptions = AS_FOUND
 ) -> tuple[Clip, tuple[str, ...]]:
     """Read the motion of a file in canonical form, and remarks; `rate` Hz is used in place of the file's.
 
-    `smpl_model` is a model file, or a folder with one for each gender, for the bones of the body's `betas`.
+    `options` give the body model, the upward axis, the unit of the path, and which of several motions.
 
     Raises BodysenseError, naming the file and the fix, if the file holds no such motion.
     """
     path = Path(path)
-    arrays = {"poses": read_array(path)} if path.suffix.lower() == ".npy" else read_arrays(path, _KEYS)
+    arrays = motion_arrays(path, _KEYS, (*WHOLE, *ORIENT), options.figure)
     remarks: list[str] = []
     turns, rows = _rotations(path, arrays)
     skeleton, pelvis = default_skeleton(), np.zeros(3)
-    if smpl_model is not None:
+    if options.smpl_model is not None:
         if path.suffix.lower() != ".npz":
             raise BodysenseError(f"{path}: an array of poses has no betas for --smpl-model; leave it out")
-        shape = shape_in_file(path, smpl_model)
+        shape = shape_in_file(path, options.smpl_model)
         skeleton, pelvis = shape.skeleton, shape.pelvis
         remarks.append(f"bones by the body model, {float(stature(skeleton.rest_offset)):.2f} m tall")
     rotation = np.zeros((len(turns), len(skeleton.joints), 4))
     rotation[..., 0] = 1
     rotation[:, rows] = turns
-    up = _up(rotation[:, 0])
-    if up is None:
-        up = "y"
-        remarks.append("the body lies most of the time: +Y is taken as up")
-    elif up != "y":
+    place = _first(arrays, PLACE)
+    hertz = _rate(path, arrays, rate, remarks)
+    root, warnings = np.zeros((len(rotation), 3)), list[str]()
+    if place is not None:
+        path_metres, warnings = _path(path, place, arrays, len(rotation), hertz, options, remarks)
+        root = path_metres + pelvis
+    up, doubts_about_up = _up(Pose(skeleton, root, rotation), place is not None, hertz, options.up)
+    if up != "y":
         camera = ", as in a camera's axes" if up == "-y" else ""
-        remarks.append(f"{up.upper() if up[0] == '-' else '+' + up.upper()} is up{camera}: turned to +Y")
+        remarks.append(f"{signed(up)} is up{camera}: turned to +Y")
     turn = TURNS[up]
     rotation[:, 0] = quaternion_multiply(turn, rotation[:, 0])
-    place = _first(arrays, PLACE)
-    root = (
-        np.zeros((len(rotation), 3))
-        if place is None
-        else quaternion_rotate(turn, _place(path, place, len(rotation)) + pelvis)
-    )
+    root = quaternion_rotate(turn, root)
     missing = [name for name in skeleton.joints if is_finger(name) and skeleton.index(name) not in rows]
     pose, has_fingers = with_fingers(Pose(skeleton, root, quaternion_canonical(rotation)), missing)
     root = root + _lift_to_floor(pose, place is not None, remarks)
-    clip = Clip(
-        path.stem, Pose(skeleton, root, pose.rotation), _rate(path, arrays, rate, remarks), has_fingers=has_fingers
-    )
-    return clip, tuple(remarks)
+    clip = Clip(path.stem, Pose(skeleton, root, pose.rotation), hertz, has_fingers=has_fingers)
+    return replace(clip, warnings=(*warnings, *doubts_about_up)), tuple(remarks)
 
 
 def _first(arrays: Mapping[str, np.ndarray], names: tuple[str, ...]) -> tuple[str, np.ndarray] | None:
@@ -234,11 +286,45 @@ def _numbers(path: Path, name: str, values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _up(orient: np.ndarray) -> str | None:
-    """Return the file's axis along which a body with such pelvis rotations (T, 4) stands; None if it lies."""
-    way = quaternion_rotate(orient, np.broadcast_to([0.0, 1.0, 0.0], (len(orient), 3))).mean(axis=0)
-    axis = int(np.argmax(np.abs(way)))
-    return ("" if way[axis] > 0 else "-") + "xyz"[axis] if abs(way[axis]) >= _UPRIGHT else None
+def _path(
+    path: Path,
+    place: tuple[str, np.ndarray],
+    arrays: Mapping[str, np.ndarray],
+    frames: int,
+    rate: float,
+    options: ReadingOptions,
+    remarks: list[str],
+) -> tuple[np.ndarray, list[str]]:
+    """Return the places (T, 3) m of the root, and warnings: in the unit of the options, scaled, or in centimetres."""
+    metres = _place(path, place, frames)
+    if SCALING in arrays and options.unit is None:
+        scale = arrays[SCALING]
+        if scale.size != 1 or not float(scale.reshape(-1)[0]) > 0:
+            raise BodysenseError(f"{path}: {SCALING!r} is {str(scale)[:40]}; it must be one positive number")
+        remarks.append(f"{place[0]!r} is divided by {SCALING!r}, {float(scale.reshape(-1)[0]):g}")
+        return metres / float(scale.reshape(-1)[0]), []
+    return path_in_metres(metres, rate, options.metres, place[0])
+
+
+def _up(pose: Pose, has_path: bool, rate: float, told: UpAxis | None) -> tuple[UpAxis, list[str]]:
+    """Return the upward axis of a file, and warnings. +Y is usual; a camera's is -Y."""
+    first, later, moment = moments(len(pose.root_position), rate)
+    skeleton = pose.skeleton
+    names = [*BODY_JOINTS, "left_toe", "right_toe"]
+    at = skeleton.indices(names)
+    one, other = (np.asarray(forward_kinematics(pose[frames])[0])[:, at] for frames in (first, later))
+    ankles, shoulders = (
+        one[:, [names.index(f"{side}_{part}") for side in ("left", "right")]].mean(axis=1)
+        for part in ("ankle", "shoulder")
+    )
+    if not has_path:  # the pelvis stays where it is, so that feet slide
+        one, other = one * np.nan, other * np.nan
+    words: dict[UpAxis, float] = {"y": USUAL}
+    body, clearance = shoulders - ankles, clearance_of(names)
+    if told is not None:
+        return told, told_warning(told, judged_up(one, other, moment, body, clearance=clearance))
+    found = judged_up(one, other, moment, body, clearance=clearance, words=words)
+    return found.axis, doubts(found, "SMPL") if found.axis == "y" or found.is_unsure else []
 
 
 def _lift_to_floor(pose: Pose, has_translation: bool, remarks: list[str]) -> np.ndarray:

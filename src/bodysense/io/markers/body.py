@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import replace
+from typing import cast
 
 import numpy as np
 
 from bodysense.body.hands.glove_set import plain
 from bodysense.body.hands.hand import FINGERS
-from bodysense.body.skeleton import LEG, default_skeleton
+from bodysense.body.skeleton import BODY, LEG, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import matrix_to_quaternion, quaternion_multiply, quaternion_rotate
 from bodysense.io.markers.centres import Places, axes_of, centre_of, turns_of
@@ -22,14 +24,26 @@ from bodysense.io.markers.raw_markers import (
     RawMarkers,
     Unit,
     convert_world,
+    file_axes,
     listed,
     world_of,
 )
 from bodysense.observing.observation import Observation
+from bodysense.observing.world import (
+    USUAL,
+    check_overruled,
+    clearance_of,
+    doubts,
+    judged_up,
+    moments,
+    signed,
+    told_warning,
+)
+from bodysense.observing.world_axes import TURNS, UpAxis
+from bodysense.quality.plausible import doubts_about, flat_doubt
 
 SIZES = (0.55, 1.45)  # of an adult's size: range of a person's
 SEEN = 0.1  # share of the frames in which a marker must be seen
-CLEAR = 0.7  # cosine between the body and a world axis above which the body stands along it
 FLOOR = 0.08  # m: a floor closer to 0 is taken as 0
 UNKNOWN = 0.5  # share of unknown labels from which the recognised set is doubtful
 SURE = 8  # joints that are enough for a set with that share of unknown labels
@@ -58,21 +72,21 @@ def body_of(
     share = np.isfinite(raw.position[..., 0]).mean(axis=0)
     here = {name: k for name, k in columns.items() if share[k] >= SEEN}
     file = {name: raw.position[:, k] for name, k in here.items()}
+    if (flat := flat_doubt(file)) is not None:
+        raise BodysenseError(f"{place}: {flat.text}")
     remarks = [_recognised(raw, known, here)]
     unit, size = _unit(markers, file, raw, form, place, remarks)
-    raw = replace(raw, unit=unit, axes=_axes(markers, file, raw, form, remarks))
+    raw = replace(raw, unit=unit)
     places: Places = {name: convert_world(position, raw, form) for name, position in file.items()}
-    floor = _lower_to_floor(markers, places, form, remarks)
+    with np.errstate(invalid="ignore"):
+        accuracy = _joint_centres(markers, places, size)
+    raw, alarms = _turned_upright(raw, places, accuracy, size, form, place, remarks)
+    floor = _lower_to_floor(markers, places, accuracy, form, remarks)
     rotations = _bones(raw, known, here, places, remarks)
-    accuracy: dict[str, float] = {}
     with np.errstate(invalid="ignore"):
         frames = _frames(markers, places)
         _check_mirror(markers, places, frames, place)
-        for recipe in markers.points:
-            if recipe.name in accuracy or not _is_applicable(recipe, places, frames):
-                continue
-            places[recipe.name] = centre_of(recipe, places, frames, size)
-            accuracy[recipe.name] = recipe.accuracy * max(size, 0.5)
+        alarms += _check_body(places, accuracy, raw.frame_rate, place)
         if _is_between_hips(places, accuracy, size):
             del accuracy["pelvis"]
             remarks.append("the pelvis is left out: it is the middle of the hips, and ours is 9 cm over it")
@@ -84,7 +98,11 @@ def body_of(
     seen = np.asarray(observation.has_position.any(axis=0) | observation.has_rotation.any(axis=0))
     points = [name for name, is_seen in zip(observation.points, seen, strict=True) if is_seen]
     arms_hang = not of_gloves and all(name.rpartition("_")[2] in ("pelvis", *LEG) for name in points)
-    warnings = (*_duplicate_warning(raw, known), *_guess_warning([*points, *of_gloves.values()], others, arms_hang))
+    alarms = (
+        *alarms,
+        *_duplicate_warning(raw, known),
+        *_guess_warning([*points, *of_gloves.values()], others, arms_hang),
+    )
     return MarkerRecording(
         observation=observation,
         frame_rate=raw.frame_rate,
@@ -93,7 +111,7 @@ def body_of(
         raw=file_markers,
         world=world_of(raw, form, floor),
         has_body=True,
-        warnings=warnings,
+        warnings=alarms,
         arms_hang=arms_hang,
     )
 
@@ -189,36 +207,93 @@ def _unit(
     return fits[0], ratio * METRES[fits[0]]
 
 
-def _axes(
-    markers: MarkerSet, file: Mapping[str, np.ndarray], raw: RawMarkers, form: MarkerFormat, remarks: list[str]
-) -> np.ndarray:
-    """Return our axes (3, 3) in the file's: the declared ones, unless the body stands along another one."""
-    declared = np.eye(3) if raw.axes is None else raw.axes
+def _joint_centres(markers: MarkerSet, places: Places, size: float) -> dict[str, float]:
+    """Add the points that follow from the markers to `places`, and return the accuracy of each in metres."""
+    frames, accuracy = _frames(markers, places), dict[str, float]()
+    for recipe in markers.points:
+        if recipe.name in accuracy or not _is_applicable(recipe, places, frames):
+            continue
+        places[recipe.name] = centre_of(recipe, places, frames, size)
+        accuracy[recipe.name] = recipe.accuracy * max(size, 0.5)
+    return accuracy
+
+
+def _turned_upright(
+    raw: RawMarkers,
+    places: Places,
+    joints: Collection[str],
+    size: float,
+    form: MarkerFormat,
+    place: str,
+    remarks: list[str],
+) -> tuple[RawMarkers, list[str]]:
+    """Turn `places` upright, and return the markers with their axes, and warnings.
+
+    Raises BodysenseError for a given axis that the motion excludes.
+    """
+    names = [name for name in joints if name in default_skeleton().points]
+    low = [name for name in names if name.endswith(("ankle", "foot", "toe", "knee"))]
+    high = [name for name in names if name.endswith(("shoulder", "neck", "head", "spine3"))]
+    if not low:
+        low = [name for name in names if name.endswith(("hip", "pelvis"))]
+    if not high:
+        high = [name for name in names if name.endswith(("hip", "pelvis"))]
+    if not low or not high or low == high:
+        return raw, []
+    axes = file_axes(raw, form)
+    first, later, moment = moments(len(raw.time), raw.frame_rate)
+    points = np.stack([places[name] for name in names], axis=1) @ axes / max(size, 0.3)  # in the file's axes
+    ends = [points[first][:, [names.index(name) for name in end]] for end in (low, high)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # frames without a point
+        bottom, top = (np.nanmean(end, axis=1) for end in ends)
+    clearance = clearance_of(names)
     if form.up is not None:
-        return declared
-    ends = [[file[name] for name in names if name in file] for names in (markers.low, markers.high)]
-    if not all(ends):
-        return declared
-    low, high = (np.nanmedian(np.concatenate(end), axis=0) for end in ends)
-    way = (high - low) / np.linalg.norm(high - low)
-    if not np.isfinite(way).all() or way @ declared[1] >= CLEAR:
-        return declared
-    axis = int(np.argmax(np.abs(way)))
-    if abs(way[axis]) < CLEAR:
-        remarks.append("the body lies or bends most of the time: its up axis is taken as the file has it (--up)")
-        return declared
-    up = np.sign(way[axis]) * np.eye(3)[axis]
-    along = np.eye(3)[(axis + 1) % 3]
-    remarks.append(f"{'+' if way[axis] > 0 else '-'}{'XYZ'[axis]} is up: the body stands along it (--up overrides)")
-    return np.stack([along, up, np.cross(along, up)])
+        motion = judged_up(points[first], points[later], moment, top - bottom, clearance=clearance)
+        return raw, told_warning(form.up, motion)
+    upward = int(np.argmax(np.abs(axes[1])))
+    declared = cast(UpAxis, ("" if axes[1, upward] > 0 else "-") + "xyz"[upward])
+    words: dict[UpAxis, float] = {declared: USUAL}
+    found = judged_up(points[first], points[later], moment, top - bottom, clearance=clearance, words=words)
+    if found.axis == declared:
+        return raw, doubts(found, "the file")
+    check_overruled(place, found)
+    way = quaternion_rotate(TURNS[found.axis] * [1, -1, -1, -1], np.array([0.0, 1.0, 0.0])).round()
+    along = np.roll(np.abs(way), 1)
+    raw = replace(raw, axes=np.stack([along, way, np.cross(along, way)]))
+    turn = file_axes(raw, form) @ axes.T
+    for name in places:
+        places[name] = places[name] @ turn.T
+    remarks.append(f"{signed(found.axis)} is up: the body stands along it (--up overrides)")
+    return raw, []
 
 
-def _lower_to_floor(markers: MarkerSet, places: Places, form: MarkerFormat, remarks: list[str]) -> float:
+def _check_body(places: Places, joints: Collection[str], rate: float, place: str) -> list[str]:
+    """Return warnings about a body unlike a person's. Raises BodysenseError for a body in a mirror."""
+    names = [name for name in joints if name in BODY or name.endswith("_toe")]
+    if not names:
+        return []
+    first, later, moment = moments(len(places[names[0]]), rate)
+    found = doubts_about(
+        {name: places[name][first] for name in names}, {name: places[name][later] for name in names}, moment, rate
+    )
+    for doubt in found:
+        if doubt.kind == "mirror":
+            raise BodysenseError(f"{place}: the body is a body only in a mirror: {doubt.text} (--names)")
+    return [doubt.text for doubt in found]
+
+
+def _lower_to_floor(
+    markers: MarkerSet, places: Places, joints: Collection[str], form: MarkerFormat, remarks: list[str]
+) -> float:
     """Move the body so that the floor under its feet is y = 0, if it is elsewhere and no floor is given.
 
     Returns the previous height of the floor, m.
     """
     feet = [places[name][:, 1] - high for name, high in markers.floor if name in places]
+    if feet:  # who lies or crawls rests on other joints
+        others = [name for name in joints if name in BODY and not name.endswith(("ankle", "foot"))]
+        feet += [places[name][:, 1] - high for name, high in zip(others, clearance_of(others), strict=True)]
     if form.floor is not None or not feet:
         return 0.0
     lowest = np.stack(feet)

@@ -101,7 +101,18 @@ def recognised(names: Sequence[str], table: Mapping[str, str] | None = None) -> 
         sure = one is not None or best is None or len(found) > len(best.columns)  # a set goes before names alone
         if (count, len(found)) > most and sure:
             best, most = Recognised(chosen, found), (count, len(found))
-    return best
+    return None if best is None else _with_named_joints(best, names)
+
+
+def _with_named_joints(best: Recognised, names: Sequence[str]) -> Recognised:
+    """Add markers named as joints, such as 'Head' or 'Pelvis', that the set lacks and from which no joint follows."""
+    taken = set(best.columns.values())
+    rest = [name if k not in taken else "" for k, name in enumerate(names)]
+    have = {recipe.name for recipe in best.markers.points if follows(recipe, best.markers, best.columns)}
+    more = {ours: k for ours, k in _joints(rest).items() if ours not in have and not _of_hand(ours)}
+    labels = {f"joint {ours}": k for ours, k in more.items()}
+    points = tuple(Recipe(ours, "mean", (f"joint {ours}",), JOINT_ACCURACY) for ours in more)
+    return Recognised(replace(best.markers, points=best.markers.points + points), {**best.columns, **labels})
 
 
 def _of_hand(name: str) -> bool:
@@ -263,7 +274,7 @@ def _sides_of(name: str) -> tuple[str, ...]:
 
 def _both_sides(name: str) -> tuple[str, ...]:
     """Return a label on both sides; twice the same label if it is in the middle."""
-    return tuple(name.replace("*", own) for own, _ in _SIDES.values())
+    return tuple(name.replace("*", own).replace("@", side) for side, (own, _) in _SIDES.items())
 
 
 def _label(name: str, side: str) -> str:

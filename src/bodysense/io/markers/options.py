@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from bodysense.errors import BodysenseError
+from bodysense.io.formats.point_layouts import Layout
 from bodysense.io.reading_options import ReadingOptions
 
 if TYPE_CHECKING:
@@ -34,8 +35,10 @@ class MarkerOptions:
     """
     names: Path | None = None
     """Table of a marker file's names and ours, .json or .csv (docs/markers.md)."""
-    left_handed: bool = False
-    """The axes of a marker file are left-handed, as in Unity and Unreal."""
+    points: Layout | None = None
+    """Layout of an array of points (.npy, .npz, pickles), which omits their names: mediapipe, coco, h36m, halpe, ntu,
+    smpl, or humanml3d (263 numbers a frame).
+    """
     rate: float | None = None
     """Frames per second, for files without a rate."""
     unlabelled: Literal["left", "right", "both"] | None = None
@@ -48,11 +51,13 @@ class MarkerOptions:
         for option, value, valid in (("--unit", reading.unit, (*METRES,)), ("--up", reading.up, ("y", "z"))):
             if value not in (None, *valid):
                 raise BodysenseError(f"{option} {value}: of marker files it is one of {', '.join(valid)}")
-        if more := reading.for_motions():
+        if more := [option for option in reading.for_motions() if option != "--figure"]:
             raise BodysenseError(f"{', '.join(more)}: for motions, not for marker files; leave it out")
         names = None if self.names is None else read_names(self.names)
         unit, up = cast("Unit | None", reading.unit), cast("Up | None", reading.up)
-        return MarkerFormat(names, unit, up, self.left_handed, self.rate, self.glove_set(), reading.floor)
+        return MarkerFormat(
+            names, unit, up, reading.left_handed, self.rate, self.glove_set(), reading.floor, reading.figure
+        )
 
     def glove_set(self) -> GloveSet | None:
         """Return the gloves' marker set, if one is given."""

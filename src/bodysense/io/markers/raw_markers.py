@@ -95,6 +95,7 @@ class MarkerFormat:
     rate: float | None = None  # Hz, for files without a rate
     glove_set: GloveSet | None = None  # the marker set of the gloves; None: a packaged one, found by the labels
     floor: float | None = None  # m, the floor's height in our world; None: inferred from the body's feet
+    figure: int | None = None  # which of several people in a file, from 1
 
     def __post_init__(self) -> None:
         if self.rate is not None and not 0 < self.rate < float("inf"):
@@ -179,12 +180,14 @@ def world_of(raw: RawMarkers, form: MarkerFormat, floor: float = 0.0) -> FileWor
 
 def convert_world(position: np.ndarray, raw: RawMarkers, form: MarkerFormat) -> np.ndarray:
     """Return positions (..., 3) of a file in our world: metres, +Y up, right-handed."""
-    unit = form.unit or raw.unit
-    axes = AXES[form.up] if form.up is not None else AXES["y"] if raw.axes is None else raw.axes
-    if form.left_handed:
-        axes = axes * [[-1.0], [1.0], [1.0]]
     with np.errstate(invalid="ignore", over="ignore"):
-        return (position * METRES[unit]) @ axes.T
+        return (position * METRES[form.unit or raw.unit]) @ file_axes(raw, form).T
+
+
+def file_axes(raw: RawMarkers, form: MarkerFormat) -> np.ndarray:
+    """Return our axes (3, 3), rows, in the file's; of a left-handed file they are mirrored."""
+    axes = AXES[form.up] if form.up is not None else AXES["y"] if raw.axes is None else raw.axes
+    return axes * [[-1.0], [1.0], [1.0]] if form.left_handed else axes
 
 
 AXES = {"y": np.eye(3), "z": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])}

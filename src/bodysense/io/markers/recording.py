@@ -26,6 +26,7 @@ from bodysense.io.markers.raw_markers import (
 )
 from bodysense.observing.observation import check_observation, joined_points
 
+_SHARED = 5  # labels that two subjects share if both are people
 _FARTHEST = 1e9  # m from the origin: well over what a wrong unit makes, which has a better message
 
 
@@ -35,7 +36,7 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     Raises BodysenseError naming the file, what is wrong, and the fix.
     """
     path = Path(path)
-    raw = read_raw(path, form.rate, form.unit)
+    raw = _of_one_subject(read_raw(path, form.rate, form.unit), form, str(path))
     _check_table(raw, form, str(path))
     of_gloves = glove_labels(raw, form)
     gloves = _gloves(raw, form, str(path)) if of_gloves else None
@@ -59,6 +60,46 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     both = joined_points(found.observation, replace(gloves.observation, position=position))
     remarks = (*found.remarks, *(remark for remark in gloves.remarks if not remark.startswith("left out")))
     return replace(body, observation=both, sizes=gloves.sizes, remarks=remarks)
+
+
+def _of_one_subject(raw: RawMarkers, form: MarkerFormat, place: str) -> RawMarkers:
+    """Return the markers of one person, of a file whose labels name several: 'Anna:LASI', 'Ben:LASI'.
+
+    Raises BodysenseError for several people without a choice.
+    """
+    people: dict[str, set[str]] = {}
+    for name in raw.names:
+        subject, _, label = name.rpartition(":")
+        if subject:
+            people.setdefault(subject, set()).add(label.strip().lower())
+    alike = [one for one in people if sum(len(people[one] & people[two]) >= _SHARED for two in people) > 1]
+    if len(alike) < 2:
+        if form.figure is not None:
+            raise BodysenseError(f"{place}: --figure {form.figure}: its markers are of one person; leave it out")
+        return raw
+    names = ", ".join(f"{k} ({subject})" for k, subject in enumerate(alike, start=1))
+    if form.figure is None:
+        raise BodysenseError(f"{place}: {len(alike)} bodies in it: {names}; choose one with --figure 1")
+    if form.figure > len(alike):
+        raise BodysenseError(f"{place}: --figure {form.figure}: there is no such body; there are {names}")
+    others = [subject for subject in alike if subject != alike[form.figure - 1]]
+    keep = [k for k, name in enumerate(raw.names) if name.rpartition(":")[0] not in others]
+    cells = (
+        None
+        if raw.cells is None
+        else replace(
+            raw.cells,
+            columns=raw.cells.columns[keep],
+            valid={keep.index(k): column for k, column in raw.cells.valid.items() if k in keep},
+        )
+    )
+    return replace(
+        raw,
+        names=tuple(raw.names[k] for k in keep),
+        position=raw.position[:, keep],
+        rotation=None if raw.rotation is None else raw.rotation[:, keep],
+        cells=cells,
+    )
 
 
 def with_hands_of(skeleton: Skeleton, sizes: dict[str, float]) -> Skeleton:

@@ -146,7 +146,7 @@ class Limbs:
 def named_body(tree: Tree) -> Body | None:
     """Return the body in a tree whose names give legs and arms; None if they do not, or if it is not a person's."""
     points = named_points(tree)
-    leg, arm = (named_limb(tree, points, kind) for kind in ROLES)
+    leg, arm = (named_limb(tree, with_chains(tree, points, kind), kind) for kind in ROLES)
     if leg is None or arm is None:
         return None
     limbs = Limbs(leg, arm)
@@ -159,6 +159,59 @@ def named_points(tree: Tree) -> dict[str, int]:
     """Return the points that are ours by name, {ours: index}."""
     index = {name: point for point, name in enumerate(tree.figure.points)}
     return {ours: index[given] for given, ours in joints_of(tree.figure.points).items()}
+
+
+def with_chains(tree: Tree, points: Mapping[str, int], kind: Kind) -> dict[str, int]:
+    """Return named points, {ours: point}, and the joints of legs or arms that no name tells but the chain does.
+
+    A joint between two that are known is the one that divides their chain as a person's is divided; the first joint of
+    a limb carries the second, and the last is carried by it. A side without a known joint stays so.
+    """
+    found, taken = dict(points), set(points.values())
+    first, second, third = ROLES[kind]
+    for side in ("left", "right"):
+        names = [f"{side}_{role}" for role in (first, second, third)]
+        if all(name in found for name in names) or not any(name in found for name in names):
+            continue
+        other = "right" if side == "left" else "left"
+        there = (points[f"{other}_{role}"] for role in (first, second, third) if f"{other}_{role}" in points)
+        opposite = {above for point in there for above in tree.figure.above(point)}
+        end = found.get(names[2])
+        if end is None:
+            after = [found[name] for name in (f"{side}_foot", f"{side}_toe") if kind == "leg" and name in found]
+            knee = found.get(names[1])
+            if after:
+                end = tree.figure.parents[after[0]]
+            elif knee is not None:
+                end = next((k for k in _longest_chain(tree, knee) if not tree.is_aside(k)), None)
+        if end is None or end in taken - {found.get(names[2])}:
+            continue
+        way = tree.figure.above(end)
+        start = found.get(names[0])
+        if start is None:  # the highest joint of this side alone that is no collar
+            own = [k for k in way if k not in opposite]
+            middle = found.get(names[1])
+            above = own[own.index(middle) + 1 :] if middle in own else own[2:]
+            above = [k for k in above if k not in taken and not tree.is_aside(k)]
+            start = above[0] if above else None
+        if start is None or start not in way:
+            continue
+        chain = [start, *(k for k in way[1 : way.index(start)][::-1] if not tree.is_aside(k))]
+        # 'Shoulder' is the collar in some rigs, and then a further joint of the chain is the shoulder.
+        firsts = chain if tree.means(start, "collar") else chain[:1]
+        middles = [found[names[1]]] if names[1] in found else chain[1:]
+        pairs = [(a, b) for a in firsts for b in middles if b in chain and chain.index(a) < chain.index(b)]
+        if not pairs:
+            continue
+        start, middle = pairs[int(np.argmin([_uneven(tree, a, b, end) for a, b in pairs]))]
+        found |= dict(zip(names, (start, middle, end), strict=True))
+    return found
+
+
+def _uneven(tree: Tree, start: int, middle: int, end: int) -> float:
+    """Return how unequal the two bones of a limb are: the logarithm of their ratio."""
+    upper, lower = tree.distance(start, middle), tree.distance(middle, end)
+    return abs(float(np.log(max(upper, 1e-9) / max(lower, 1e-9))))
 
 
 def named_limb(tree: Tree, points: Mapping[str, int], kind: Kind) -> Limb | None:

@@ -14,6 +14,7 @@ import numpy as np
 from bodysense.geometry.rotation import quaternion_multiply, quaternion_rotate
 from bodysense.io.rigs.names import is_end, is_helper, parts
 
+_MIRROR, _MIRRORED_TURN = np.array([-1.0, 1.0, 1.0]), np.array([1.0, 1.0, -1.0, -1.0])  # of places; of wxyz
 SAMPLE = 120  # frames, evenly spaced, in which lengths are measured
 _BRANCHES = 12  # longest branches of a joint that are searched
 
@@ -100,6 +101,15 @@ class Figure:
             position=position | {0: place[:, 0]},
             frame_rate=self.frame_rate,
             nodes=tuple(self.nodes[point] for point in keep),
+        )
+
+    def mirrored(self) -> Figure:
+        """Return the figure with its x axis reversed: that of a left-handed world."""
+        return replace(
+            self,
+            offset=self.offset * _MIRROR,
+            rotation=self.rotation * _MIRRORED_TURN,
+            position={joint: place * _MIRROR for joint, place in self.position.items()},
         )
 
     def with_joints(self, names: list[str]) -> Figure:

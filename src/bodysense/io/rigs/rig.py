@@ -9,9 +9,10 @@ from __future__ import annotations
 import difflib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.body import WORST, Body, named_body
 from bodysense.io.rigs.figure import Figure, Tree, measured, usual_length
 from bodysense.io.rigs.names import ARMS, LEGS, family_of
+from bodysense.observing.world import HABIT, REST_POSE, clearance_of, doubts, judged_up, moments, told_warning
 from bodysense.observing.world_axes import TURNS, UpAxis
 
 _PERSON = (1.3, 2.3)  # m: height of a person
@@ -39,14 +41,12 @@ _KNOWN_UNITS = {
 }
 _CMU_TENTH = ("units of 0.0056444 m", 0.0056444)
 
-_LEG = 0.496  # of a standing adult's height: hip to ankle
 _PELVIS = (0.15, 0.62)  # of a person's height: range of the pelvis's height while sitting or standing
 _SOLE = {"ankle": 0.08, "foot": 0.02, "toe": 0.0}  # of a leg's length: height of each joint above the sole
-_EXTENDED = 0.8  # of legs and trunk stretched out: a body this long stands or lies
-_UPRIGHT, _CLEAR = 0.5, 0.7  # mean cosine between a body and an axis: enough to keep y, enough to take another
-_NEVER_UPRIGHT = 0.1  # mean cosine below which no axis is upward
-
-_AXES: tuple[UpAxis, ...] = ("y", "z", "x", "-y", "-z", "-x")  # the first of equal ones is taken
+_NEVER_UPRIGHT = 0.5  # mean cosine of body and axis below which an axis without other evidence is not upward
+_ALONG = 0.85  # least cosine of trunk and legs with the axis along which a rest pose stands
+_SAME_LENGTH = 0.35  # share by which bones of the rest pose and of the motion may differ
+_SIDES = ("left", "right")
 
 _Places = Mapping[str, np.ndarray]  # (S, 3) of points of ours, by name, file units
 
@@ -70,6 +70,7 @@ class Rig:
     count: int  # joints of the figure
     used: int  # of them, the joints that are ours
     notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # doubts about its world, with the option that settles each
 
     @property
     def turn(self) -> np.ndarray:
@@ -132,8 +133,10 @@ class Rig:
         )
 
 
-def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
+def recognise(figure: Figure, options: ReadingOptions = AS_FOUND, format_up: UpAxis | None = None) -> Rig:
     """Recognise a figure: its joints, unit, upward axis and floor; `options` take precedence over inference.
+
+    `format_up` is the upward axis that a format defines, which is taken unchecked.
 
     Raises BodysenseError, naming the file, if it is not a humanoid or the options do not fit it.
     """
@@ -155,11 +158,10 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         unit_name, unit = _find_unit(size, family == "CMU")
     else:
         unit_name, unit = _UNIT_NAMES.get(str(options.unit), f"units of {options.metres:g} m"), options.metres
-    up, upright = _find_up(place, size) if options.up is None else (options.up, 1.0)
-    if upright < _NEVER_UPRIGHT:
-        raise BodysenseError(
-            f"{figure.name}: it never stands upright, so that no upward axis was found; give it, as --up y or --up z"
-        )
+    if format_up is None:
+        up, upright, warnings = _upward(figure, points, size, options.up)
+    else:
+        up, upright, warnings = format_up, 1.0, []
     sole = _find_floor(place, size, up) * unit
     lift = -options.floor if options.floor is not None else 0.0 if abs(sole) <= _FLOOR_TOLERANCE else -sole
     return Rig(
@@ -175,6 +177,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND) -> Rig:
         count=len(figure.joints),
         used=sum(point < len(figure.joints) for point in points.values()),
         notes=remarks,
+        warnings=tuple(warnings),
     )
 
 
@@ -279,17 +282,69 @@ def _find_unit(height: float, is_cmu: bool) -> tuple[str, float]:
     return "", _USUAL_HEIGHT / height
 
 
-def _find_up(place: _Places, size: float) -> tuple[UpAxis, float]:
-    """Return the axis along which the body stands, and the mean cosine between both; y if it stands along no axis."""
-    trunk = ways = _trunk(place)
-    if "left_hip" in place:
-        whole = _middle(place, "shoulder") - _middle(place, "ankle")
-        extended = np.linalg.norm(whole, axis=-1) > _EXTENDED * (usual_length(trunk) + 0.85 * size * _LEG)
-        ways = whole[extended] if extended.any() else trunk + whole
-    ways = ways / np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
-    score: dict[UpAxis, float] = {axis: float(quaternion_rotate(TURNS[axis], ways)[:, 1].mean()) for axis in _AXES}
-    best = max(score, key=lambda axis: score[axis])
-    return ("y", score["y"]) if score["y"] >= _UPRIGHT or score[best] < _CLEAR else (best, score[best])
+def _upward(
+    figure: Figure, points: Mapping[str, int], size: float, told: UpAxis | None
+) -> tuple[UpAxis, float, list[str]]:
+    """Return the upward axis, the mean cosine between the body and it, and warnings.
+
+    Raises BodysenseError if no axis is likely, and for a told axis that the motion contradicts.
+    """
+    metres = _USUAL_HEIGHT / size
+    points = {name: point for name, point in points.items() if name in BODY or name.endswith(("_toe", "_top"))}
+    names = list(points)
+    first, later, moment = moments(len(figure), figure.frame_rate)
+    place, after = (_points_at(figure, points, frames) * metres for frames in (first, later))
+    by_name = {name: place[:, k] for k, name in enumerate(names)}
+    if "left_hip" in points:
+        body = _middle(by_name, "shoulder") - _middle(by_name, "ankle")
+    else:  # what it stands on is not in the file
+        body, place, after = _trunk(by_name), place * np.nan, after * np.nan
+    rest = _resting_axis(figure, points)
+    words: dict[UpAxis, float] = {"y": HABIT} if rest is None else {rest: REST_POSE}
+    clearance = clearance_of(names)
+    found = judged_up(place, after, moment, body, clearance=clearance, words=words)
+    if told is not None:
+        return told, 1.0, told_warning(told, judged_up(place, after, moment, body, clearance=clearance))
+    if rest is None and found.is_unsure and found.stands < _NEVER_UPRIGHT:
+        raise BodysenseError(
+            f"{figure.name}: it never stands upright, so that no upward axis was found; give it, as --up y or --up z"
+        )
+    if rest is None:
+        found = replace(found, word=None)
+    return found.axis, max(found.stands, 0.0 if rest is None else 0.5), doubts(found, "its rest pose")
+
+
+def _points_at(figure: Figure, points: Mapping[str, int], frames: np.ndarray) -> np.ndarray:
+    """Return the positions (N, P, 3) of our points in some frames, file units."""
+    position = {joint: place[frames] for joint, place in figure.position.items()}
+    return replace(figure, rotation=figure.rotation[frames], position=position).world(list(points.values()))[0]
+
+
+def _resting_axis(figure: Figure, points: Mapping[str, int]) -> UpAxis | None:
+    """Return the axis along which the file's rest pose stands; None if it is not a standing body of the same size."""
+    if "left_hip" not in points or "left_shoulder" not in points:
+        return None
+    rest = figure.offset.copy()
+    for point, parent in enumerate(figure.parents):
+        if parent >= 0:
+            rest[point] += rest[parent]
+    place = {name: rest[point][None] for name, point in points.items()}
+    tree = measured(figure)
+    for side in ("left", "right"):
+        for a, b in (*pairwise(f"{side}_{part}" for part in ("hip", "knee", "ankle")),):
+            usual = tree.distance(points[a], points[b])
+            if not abs(_bone(place, a, b) - usual) < _SAME_LENGTH * usual:
+                return None
+    way = np.stack([_trunk(place)[0], *(place[f"{side}_hip"][0] - place[f"{side}_ankle"][0] for side in _SIDES)])
+    length = np.linalg.norm(way, axis=-1, keepdims=True)
+    if not (length > 0).all():
+        return None
+    way = way / length
+    mean = way.mean(axis=0)
+    axis = int(np.argmax(np.abs(mean)))
+    if not (np.sign(mean[axis]) * way[:, axis] > _ALONG).all():
+        return None
+    return cast(UpAxis, ("" if mean[axis] > 0 else "-") + "xyz"[axis])
 
 
 def _find_floor(place: _Places, size: float, up: UpAxis) -> float:
@@ -304,4 +359,8 @@ def _find_floor(place: _Places, size: float, up: UpAxis) -> float:
         return 0.0 if low * size < pelvis < high * size else pelvis - size * body.rest_offset[0, 1] / body.height
     leg = _bone(place, "left_hip", "left_knee") + _bone(place, "left_knee", "left_ankle")
     soles = [height[name] - _SOLE[part] * leg for name in place if (part := name.partition("_")[2]) in _SOLE]
-    return float(np.percentile(np.min(soles, axis=0), 5))
+    # Who lies, crawls or stands on the hands rests on other joints.
+    others = [name for name in place if name in BODY and name.partition("_")[2] not in _SOLE]
+    resting = clearance_of(others) * size / _USUAL_HEIGHT
+    lowest = [*soles, *(height[name] - over for name, over in zip(others, resting, strict=True))]
+    return float(np.percentile(np.min(lowest, axis=0), 5))

@@ -108,7 +108,12 @@ def own_joints(skeleton: Skeleton, lacking: Sequence[str] = ()) -> SourceJoints:
 
 
 def joints_of_file(file: JointFile, rigged: Rigged) -> SourceJoints:
-    """The joints of a file, from what was read of it."""
+    """The joints of a file, from what was read of it. Raises BodysenseError for a file that was read mirrored."""
+    if rigged.is_mirrored:
+        raise BodysenseError(
+            f"{file.path}: --left-handed is not for holes or a file's own rig; write it on ours first: bodysense "
+            f"convert {file.path.name} -o whole.bvh --left-handed"
+        )
     figure, rig, pose = rigged.figure, rigged.rig, rigged.clip.pose
     place = {node: joint for joint, node in enumerate(file.nodes)}
     index = {name: point for point, name in enumerate(figure.points)}

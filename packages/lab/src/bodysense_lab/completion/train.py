@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +14,10 @@ from torch import Tensor
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion.data.corpus import Corpus, read_corpus
+from bodysense_lab.completion.data.sensor_draws import draw_sensors, draw_usual_sensors
 from bodysense_lab.completion.networks.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.networks.network import CompletionNetwork
+from bodysense_lab.completion.networks.protection import Protection, input_moments
 from bodysense_lab.completion.score.finger_errors import finger_validation
 from bodysense_lab.completion.training.drawing import Drawing
 from bodysense_lab.completion.training.losses import Losses
@@ -29,6 +33,7 @@ from bodysense_lab.completion.training.task import (
 from bodysense_lab.core.checkpoint import best_weights
 from bodysense_lab.core.fit import fit, set_seed_and_threads
 
+_MOMENT_BATCHES, _KNOWN_SEED, _NEW_SEED = 40, 3, 11  # batches and seeds of inputs whose second moments are measured
 _VALIDATION_STRIDE = 3  # every n-th validation clip is scored at a checkpoint
 
 
@@ -57,19 +62,36 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
         fabric.to_device(teacher)
     validation = validation_batches(val, _VALIDATION_STRIDE, options.backward)
     source = options.trial_settings or None
-    drawing = None
+    drawing, protection, sensors = None, None, draw_sensors
+    if options.protect:
+        usual = CompletionTask(network, config, options.schedule, train, {}, sensors=draw_usual_sensors)
+        protection = Protection.of(network, _moments(usual, _KNOWN_SEED))
+        sensors = partial(draw_usual_sensors, usual=False)
     if options.draw_processes:
-        sampler = CorpusSampler(options.data, options.limit, options.backward)
+        sampler = CorpusSampler(options.data, options.limit, options.backward, sensors)
         drawing = Drawing(sampler, options.folder / "ring", options.draw_processes, options.plays)
     task = CompletionTask(
-        network, config, options.schedule, train, validation, source, drawing=drawing, teacher=teacher
+        *(network, config, options.schedule, train, validation, source),
+        sensors=sensors,
+        protection=protection,
+        drawing=drawing,
+        teacher=teacher,
     )
     fit(task, options.folder / "completion.ckpt", fabric=fabric)
     network = network.cpu()
+    if protection is not None:
+        new = CompletionTask(network, config, options.schedule, train, {}, sensors=sensors)
+        protection.merge(network, _moments(new, _NEW_SEED), options.protect)
     if options.keep:
         trained = network.state_dict()
         network.load_state_dict({name: torch.lerp(trained[name], initial[name], options.keep) for name in trained})
     return network
+
+
+def _moments(task: CompletionTask, seed: int) -> dict[str, Tensor]:
+    """Return second moments of the inputs of the task's network on its sequences."""
+    batches = itertools.islice(task.batches(np.random.default_rng(seed)), _MOMENT_BATCHES)
+    return input_moments(task.network.eval(), batches, lambda batch: torch.ones_like(batch.usual))
 
 
 def completion_finger_network(run: CompletionTraining, fabric: Fabric) -> FingerNetwork:

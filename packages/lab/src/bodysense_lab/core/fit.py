@@ -94,6 +94,9 @@ class Task:
         """
         raise NotImplementedError
 
+    def after_step(self) -> None:
+        """Change the network after each step of the optimiser; nothing by default."""
+
     def validate(self, network: Any) -> dict[str, float]:
         """Return figures on validation people. The first one is the score; smaller is better."""
         raise NotImplementedError
@@ -201,6 +204,7 @@ def take_step(
     for group in optimizer.param_groups:
         nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
     optimizer.step()
+    task.after_step()
     return terms, memory
 
 

@@ -6,7 +6,8 @@ import base64
 import binascii
 import json
 import struct
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from bodysense.files import LARGEST_TEXT, check_plain, read_bytes
 
 MOST_NODES = 5000
 JSON, BINARY = 0x4E4F534A, 0x004E4942  # kinds of a .glb's parts
+_COMPRESSED = frozenset(("EXT_meshopt_compression", "KHR_meshopt_compression"))  # of any array, keyframes too
 _KINDS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
@@ -30,6 +32,7 @@ class GltfFile:
     path: Path
     document: dict[str, Any]
     buffers: tuple[bytes, ...]
+    moved: Mapping[int, int] = field(default_factory=dict)  # nodes that hang elsewhere → the joint that they belong to
 
     def array(self, accessor: int) -> np.ndarray:
         """Return an accessor as (count, width) float64. Raises BodysenseError if its numbers are not in the file."""
@@ -82,6 +85,22 @@ class GltfFile:
         return parents
 
     @cached_property
+    def carriers(self) -> list[int]:
+        """The joint that each node belongs to: its parent, unless it was moved."""
+        return [self.moved.get(k, parent) for k, parent in enumerate(self.parents)]
+
+    @cached_property
+    def carried_order(self) -> list[int]:
+        """Nodes, carriers first."""
+        below: dict[int, list[int]] = {}
+        for k, carrier in enumerate(self.carriers):
+            below.setdefault(carrier, []).append(k)
+        order = list(below.get(-1, []))
+        for k in order:
+            order += below.get(k, [])
+        return order
+
+    @cached_property
     def order(self) -> list[int]:
         """Nodes, parents first."""
         return self._below_roots(self.parents)
@@ -104,10 +123,22 @@ def open_gltf(path: Path) -> GltfFile:
         raise BodysenseError(f"{path}: not a glTF file (its JSON cannot be read); export it again") from None
     if not isinstance(document, dict) or not str(_entry(document, "asset").get("version", "")).startswith("2"):
         raise BodysenseError(f"{path}: not glTF 2.0; export it as glTF 2.0")
+    _check_extensions(path, document)
     buffers = document.get("buffers", [])
     if not isinstance(buffers, list) or not all(isinstance(one, dict) for one in buffers):
         raise BodysenseError(f"{path}: its buffers are not a list of objects; export it again")
     return GltfFile(path, document, tuple(_buffer(path, one, binary) for one in buffers))
+
+
+def _check_extensions(path: Path, document: dict[str, Any]) -> None:
+    """Refuse a file whose arrays are compressed by an extension; compressed meshes are not read."""
+    views = document.get("bufferViews", [])
+    used = {name for view in views if isinstance(view, dict) for name in _entry(view, "extensions")}
+    if used & _COMPRESSED:
+        raise BodysenseError(
+            f"{path}: its arrays are compressed by {sorted(used & _COMPRESSED)[0]}; decompress it, as with: "
+            f"npx @gltf-transform/cli copy {path.name} plain.glb, or export it again without compression"
+        )
 
 
 def _entry(document: dict[str, Any], name: str) -> dict[str, Any]:

@@ -24,6 +24,7 @@ from bodysense.geometry.rotation import (
     quaternion_multiply,
     quaternion_to_matrix,
 )
+from bodysense.io.checked import checked
 from bodysense.io.clip import Clip
 from bodysense.io.formats.gltf.file import GltfFile, open_gltf
 from bodysense.io.formats.gltf.humanoid import VRM_BONES, from_t_posed
@@ -31,12 +32,14 @@ from bodysense.io.formats.gltf.tracks import Track, sampled, tracks_of
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.rigs.canonical import canonical
 from bodysense.io.rigs.figure import Figure
+from bodysense.io.rigs.names import joints_of
 from bodysense.io.rigs.rig import Rig, recognise
 
 HEIGHTS = (1.0, 2.6)  # m, of a resting body in metres
 USUAL = 1.7  # m, of a body in no known unit
 _STEADY = 0.02  # share by which the steps between frames may differ
 STRETCH = 1e-4  # m: bones that vary by less are rigid
+_CARRIED = 0.1  # of a bone's length: a foot whose distance from the knee varies by less is carried by the shin
 _LOOKED_AT = 60  # frames used to recognise a body
 _LONGEST = 10**7  # frames × nodes
 
@@ -52,6 +55,7 @@ def read_gltf(path: Path, joints: Path | None = None, animation: str | None = No
     tracks = _tracks(file, animation)
     if is_vrm and joints is not None:
         raise BodysenseError(f"{path}: a VRM file names its joints; leave --joints out")
+    file = _with_loose_ends(file, names, tracks)
     rig = _recognised(file, _figure(file, names, tracks), joints)
     root = names.index(rig.joints.get("pelvis", rig.hub))
     below = _in_our_order(_below(file, root), names)
@@ -60,7 +64,7 @@ def read_gltf(path: Path, joints: Path | None = None, animation: str | None = No
         raise BodysenseError(f"{path}: {len(time)} frames of {len(below)} nodes; cut it in parts")
     rest = _world(file, below, {}, np.zeros(1))
     moving = _world(file, below, tracks, time)
-    parents = tuple(-1 if k == root else below.index(file.parents[k]) for k in below)
+    parents = tuple(-1 if k == root else below.index(file.carriers[k]) for k in below)
     place = rest[:, 0, :3, 3]
     offset = np.stack([place[n] - (place[parent] if parent >= 0 else 0) for n, parent in enumerate(parents)])
     resting, turned = (_turns(path, matrices) for matrices in (rest, moving))
@@ -77,7 +81,7 @@ def read_gltf(path: Path, joints: Path | None = None, animation: str | None = No
     turns = not stretch or bool(np.ptp(world, axis=0).max() > STRETCH)
     ours = {given: name for name, given in rig.joints.items()}
     whole = canonical(clip, ours, found if stretch else None, turns)
-    return replace(whole, name=path.stem), (*rig.made_up, *remarks)
+    return checked(replace(whole, name=path.stem), known=ours.values()), (*rig.made_up, *remarks)
 
 
 def _names(file: GltfFile) -> tuple[list[str], bool]:
@@ -125,7 +129,7 @@ def _bones(file: GltfFile) -> dict[str, int]:
 def _recognised(file: GltfFile, figure: Figure, joints: Path | None) -> Rig:
     """Return the rig of the animated tree. Nodes scaled to zero have an error message of their own."""
     try:
-        return recognise(figure, ReadingOptions(up="y", floor=0.0, joints=joints))
+        return recognise(figure, ReadingOptions(floor=0.0, joints=joints), format_up="y")
     except BodysenseError:
         _turns(file.path, _world(file, list(figure.nodes), {}, np.zeros(1)))
         raise
@@ -134,7 +138,29 @@ def _recognised(file: GltfFile, figure: Figure, joints: Path | None) -> Rig:
 def figure_of_gltf(path: Path, animation: str | None = None) -> Figure:
     """Return the animated tree, its joints not yet recognised. Raises BodysenseError if nothing is animated."""
     file = open_gltf(path)
-    return _figure(file, _names(file)[0], _tracks(file, animation))
+    names, tracks = _names(file)[0], _tracks(file, animation)
+    return _figure(_with_loose_ends(file, names, tracks), names, tracks)
+
+
+def _with_loose_ends(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], Track]) -> GltfFile:
+    """Return the file with feet and hands on their shins and forearms, where a rig for IK has them elsewhere.
+
+    A foot belongs to the shin of its side if it keeps its distance from the knee.
+    """
+    found = {ours: names.index(given) for given, ours in joints_of(names).items()}
+    time = next(iter(tracks.values())).times
+    moved: dict[int, int] = {}
+    for side in ("left", "right"):
+        for bone, end in (("knee", "ankle"), ("elbow", "wrist")):
+            other = found.get(f"{side}_foot") if end == "ankle" else None
+            joint, loose = found.get(f"{side}_{bone}"), found.get(f"{side}_{end}", other)
+            if joint is None or loose is None or joint in _above(file, loose) or loose in _above(file, joint):
+                continue
+            at = _world(file, [joint, loose], tracks, time[:: max(1, len(time) // _LOOKED_AT)])[:, :, :3, 3]
+            length = np.linalg.norm(at[0] - at[1], axis=-1)
+            if np.ptp(length) < _CARRIED * np.median(length):
+                moved[loose] = joint
+    return replace(file, moved=moved) if moved else file
 
 
 def _tracks(file: GltfFile, animation: str | None) -> Mapping[tuple[int, str], Track]:
@@ -151,7 +177,7 @@ def _figure(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], T
     time = _times(file.path, tracks, below)
     place = np.moveaxis(_world(file, below, tracks, time[:: max(1, len(time) // _LOOKED_AT)])[:, :, :3, 3], 0, 1)
     rest = _world(file, below, {}, np.zeros(1))[:, 0, :3, 3]
-    parents = tuple(below.index(file.parents[k]) if n else -1 for n, k in enumerate(below))
+    parents = tuple(below.index(file.carriers[k]) if n else -1 for n, k in enumerate(below))
     # Positions are enough: each joint hangs on its parent without turning.
     turns = np.zeros((*place.shape[:2], 4))
     turns[..., 0] = 1
@@ -174,18 +200,18 @@ def _figure(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], T
 def _above(file: GltfFile, node: int) -> list[int]:
     """Return a node and its ancestors up to a root."""
     chain = [node]
-    while file.parents[chain[-1]] >= 0:
-        chain.append(file.parents[chain[-1]])
+    while file.carriers[chain[-1]] >= 0:
+        chain.append(file.carriers[chain[-1]])
     return chain
 
 
 def _below(file: GltfFile, root: int) -> list[int]:
     """Return a node and its descendants, parents before children."""
     inside = {root}
-    for k in file.order:
-        if file.parents[k] in inside:
+    for k in file.carried_order:
+        if file.carriers[k] in inside:
             inside.add(k)
-    return [k for k in file.order if k in inside]
+    return [k for k in file.carried_order if k in inside]
 
 
 def _in_our_order(below: list[int], names: list[str]) -> list[int]:
@@ -211,9 +237,12 @@ def _times(path: Path, tracks: Mapping[tuple[int, str], Track], below: list[int]
 
 def _world(file: GltfFile, below: list[int], tracks: Mapping[tuple[int, str], Track], time: np.ndarray) -> np.ndarray:
     """Return world matrices (N, T, 4, 4) of nodes given with parents first."""
-    chain = _above(file, below[0])[:0:-1]
+    needed = set(below)
+    for k in below:
+        while (k := file.parents[k]) >= 0 and k not in needed:
+            needed.add(k)
     matrices: dict[int, np.ndarray] = {-1: np.eye(4)[None]}
-    for k in (*chain, *below):
+    for k in (k for k in file.order if k in needed):
         matrices[k] = matrices[file.parents[k]] @ _local(file, k, tracks, time)
     return np.stack([np.broadcast_to(matrices[k], (len(time), 4, 4)) for k in below])
 

@@ -23,8 +23,8 @@ _SECTIONS = ("trajectories", "devices", "joints", "model outputs", "segments", "
 
 
 def is_nexus(head: str) -> bool:
-    """Whether a text begins with a section of Nexus's."""
-    return head.lstrip("\ufeff").split("\n", 1)[0].strip(' ,;\t\r"').lower() in _SECTIONS
+    """Whether a text has a section of Nexus's or Workstation's, whose title lines may precede it."""
+    return any(line.strip(' ,;\t\r"').lower() in _SECTIONS for line in head.lstrip("\ufeff").split("\n"))
 
 
 def read_nexus(path: Path, rate: float | None = None, unit: Unit | None = None) -> RawMarkers:

@@ -134,6 +134,16 @@ def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator)
     return SensorMasks(has_position, has_rotation, has_acceleration, usual)
 
 
+def draw_usual_sensors(
+    visible: np.ndarray, interval: float, rng: np.random.Generator, usual: bool = True
+) -> SensorMasks:
+    """Run `draw_sensors` until the sensors are usual, or until they are not."""
+    while True:
+        drawn = draw_sensors(visible, interval, rng)
+        if drawn.usual == usual:
+            return drawn
+
+
 def _lose_head(has_position: np.ndarray, has_rotation: np.ndarray, interval: float, rng: np.random.Generator) -> bool:
     """Remove the head's position, its rotation or both, always or at times. Return whether anything was removed."""
     place, turn, drawn = INPUT_POINTS.index(HEAD), BODY.index(HEAD), rng.uniform()

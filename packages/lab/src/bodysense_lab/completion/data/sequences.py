@@ -152,17 +152,20 @@ def draw_sequence(
     change_posture: bool = False,
     backward: bool = False,
     stance_shift: float = 0.0,
+    sensors: DrawSensors = draw_sensors,
 ) -> Sequence:
     """Draw an augmentation of a clip of the corpus, and make its sequence.
 
     With `change_posture`, a standing person takes a rare posture. `backward` reverses time. `stance_shift`, m, is that
-    of an upright person (`upright.stance_shifts`). It is applied to some sequences, more or less.
+    of an upright person (`upright.stance_shifts`). It is applied to some sequences, more or less. `sensors` draws the
+    sensors.
     """
     posture = draw_kind(rng) if change_posture else None
     longest = LONGEST if posture is None else LONGEST_POSTURE
     seconds = float(corpus.length[clip] / corpus.rate[clip])
     drawn = SequenceAugmentation(
         body=draw_body(corpus.rest_offset[clip].astype(float), rng),
+        sensors=sensors,
         rate=_draw_rate(rng),
         pace=float(np.exp(rng.uniform(-0.2, 0.2))) if rng.uniform() < 0.5 else 1.0,
         begin=max(0.0, float(rng.uniform(-longest / 2, seconds - longest / 2))),
@@ -178,7 +181,7 @@ def draw_sequence(
     return make_sequence(corpus, clip, drawn, rng)
 
 
-def draw_scene(rng: np.random.Generator, backward: bool = False) -> Sequence:
+def draw_scene(rng: np.random.Generator, backward: bool = False, sensors: DrawSensors = draw_sensors) -> Sequence:
     """Draw a scripted scene of a person at home, and make its sequence. `backward` reverses time."""
     rate = _draw_rate(rng)
     scene = scenes.sequence(rng, round(rng.uniform(*_SCENE_SECONDS) * rate), rate)
@@ -198,6 +201,7 @@ def draw_scene(rng: np.random.Generator, backward: bool = False) -> Sequence:
     )
     drawn = SequenceAugmentation(
         body=draw_body(offset, rng),
+        sensors=sensors,
         rate=rate,
         mirrored=bool(rng.uniform() < 0.5),
         free_wrists=bool(rng.uniform() < _FREE_WRISTS),

@@ -62,6 +62,8 @@ class CompletionTraining(_FolderRun, Card):
     """share of the weights of --begin-with in the average with the trained weights that is written"""
     stay_close: Annotated[float, within(float, 0, 100)] = 0.0
     """weight of the distance to the predictions of --begin-with for usual sensors; 0: none"""
+    protect: Annotated[float, within(float, 0, 1e6)] = 0.0
+    """weight of the answers of --begin-with for usual sensors, which are kept while others are learned; 0: none"""
     streams: Count = 96
     """sequences in parallel"""
     draw_processes: Annotated[int, within(int, 0, 1024)] = 0
@@ -77,6 +79,8 @@ class CompletionTraining(_FolderRun, Card):
         check_ending(self.out, ".safetensors")
         if self.keep and self.begin_with is None:
             raise BodysenseError(f"--keep {self.keep:g} is a share of earlier weights; give --begin-with, too")
+        if self.protect and self.begin_with is None:
+            raise BodysenseError(f"--protect {self.protect:g}: the answers of which network? Give --begin-with, too")
         if self.stay_close and self.begin_with is None:
             raise BodysenseError(f"--stay-close {self.stay_close:g}: close to which network? Give --begin-with, too")
 

@@ -22,10 +22,11 @@ from bodysense_lab.completion.data.corpus import Corpus, read_corpus
 from bodysense_lab.completion.data.points import JOINTS
 from bodysense_lab.completion.data.postures.postures import low_share, standing_share
 from bodysense_lab.completion.data.postures.upright import stance_shifts
-from bodysense_lab.completion.data.sensor_draws import fixed_sensors
-from bodysense_lab.completion.data.sequences import Sequence, draw_hands, draw_scene, draw_sequence
+from bodysense_lab.completion.data.sensor_draws import draw_sensors, fixed_sensors
+from bodysense_lab.completion.data.sequences import DrawSensors, Sequence, draw_hands, draw_scene, draw_sequence
 from bodysense_lab.completion.networks.fingers import FingerConfig
 from bodysense_lab.completion.networks.network import CompletionConfig
+from bodysense_lab.completion.networks.protection import Protection
 from bodysense_lab.completion.score.finger_errors import FingerValidation, predicted_fingers, untracked_distances
 from bodysense_lab.completion.training.drawing import Drawing
 from bodysense_lab.completion.training.losses import (
@@ -84,6 +85,8 @@ class CompletionTask(Task):
     validation: Mapping[str, list[SequenceBatch]]
     source: Mapping[str, Any] | None = None
     precision: torch.dtype | None = None  # of the layers; None: the device's own
+    sensors: DrawSensors = draw_sensors  # draws the sensors of sequences
+    protection: Protection | None = None  # keeps answers on known inputs; None: everything may change
     drawing: Drawing | None = None  # worker processes that draw sequences; None: this process draws them
     teacher: Any = None  # an earlier network, to which predictions for usual sensors stay close; None: without
     mixed = True
@@ -91,7 +94,8 @@ class CompletionTask(Task):
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[RawBatch]:
         """Yield chunks of random sequences, each sequence from its first to its last frame."""
         if self.drawing is None:
-            return _stream_batches(sequence_sampler(self.corpus, self.configuration.backward, rng), self.configuration)
+            draw = sequence_sampler(self.corpus, self.configuration.backward, rng, self.sensors)
+            return _stream_batches(draw, self.configuration)
         drawn = self.drawing.sequences(int(rng.integers(2**63)))
         return prefetched(_stream_batches(lambda: next(drawn), self.configuration))
 
@@ -117,6 +121,11 @@ class CompletionTask(Task):
         else:
             terms["stay"] = torch.zeros(())
         return terms, torch.cat([after, earlier])
+
+    def after_step(self) -> None:
+        """Shrink changes along directions that known inputs use, if they are protected."""
+        if self.protection is not None:
+            self.protection.shrink(self.network)
 
     def _memory_before(self, batch: SequenceBatch, memory: Tensor | None) -> Tensor:
         """Return the memories before a chunk: of the network, then of the teacher if there is one."""
@@ -147,11 +156,13 @@ class CompletionTask(Task):
         return _with_score(figures, "cm")
 
 
-def sequence_sampler(corpus: Corpus, backward: bool, rng: np.random.Generator) -> Callable[[], Sequence]:
+def sequence_sampler(
+    corpus: Corpus, backward: bool, rng: np.random.Generator, sensors: DrawSensors = draw_sensors
+) -> Callable[[], Sequence]:
     """Return a function that draws a sequence for the body's network.
 
     Clips are drawn by their length. Clips of standing people are sometimes changed to a rare posture. Some sequences
-    are scripted scenes.
+    are scripted scenes. `sensors` draws the sensors.
     """
     seconds = corpus.length / corpus.rate
     everyday = np.isin(corpus.category, HEADSET_CATEGORIES)
@@ -162,11 +173,11 @@ def sequence_sampler(corpus: Corpus, backward: bool, rng: np.random.Generator) -
 
     def draw() -> Sequence:
         if rng.uniform() < _SCENE_SHARE:
-            return draw_scene(rng, backward)
+            return draw_scene(rng, backward, sensors)
         change_posture = bool(still.any() and rng.uniform() < _POSTURE_SHARE)
         clip = int(rng.choice(len(weight), p=still if change_posture else weight))
         shift = 0.0 if change_posture else float(shifts[clip])
-        return draw_sequence(corpus, clip, rng, change_posture, backward, shift)
+        return draw_sequence(corpus, clip, rng, change_posture, backward, shift, sensors)
 
     return draw
 
@@ -178,10 +189,11 @@ class CorpusSampler:
     data: Path
     limit: int | None = None
     backward: bool = False
+    sensors: DrawSensors = draw_sensors
 
     def __call__(self, rng: np.random.Generator) -> Callable[[], Sequence]:
         """Return a function that draws a sequence of the train split."""
-        return sequence_sampler(read_corpus(self.data, "train", self.limit), self.backward, rng)
+        return sequence_sampler(read_corpus(self.data, "train", self.limit), self.backward, rng, self.sensors)
 
 
 @dataclass(frozen=True, eq=False)
