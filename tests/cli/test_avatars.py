@@ -37,6 +37,9 @@ def test_samples_and_fingers_are_written_as_animations(tmp_path: Path, motion: P
 
 def test_invalid_outputs_are_refused(tmp_path: Path, motion: Path, refused) -> None:
     output = refused("track", motion, "--device", "three_point", "-o", tmp_path / "a.gltf")
-    assert output.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb, .vrma or .mcap")
+    assert output.endswith(
+        "a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .fbx, .glb, .vrma or .mcap"
+    )
     output = refused("track", tmp_path / "film.mp4", "-o", tmp_path / "a.gltf")
-    assert output.endswith("a.gltf: the output ends in '.gltf'; give a name that ends in .bvh, .glb, .vrma or .mcap")
+    wanted = "the output ends in '.gltf'; give a name that ends in .bvh, .fbx, .glb, .vrma or .mcap"
+    assert output.endswith(f"a.gltf: {wanted}")

@@ -141,12 +141,16 @@ def test_lines_of_help_are_filled(capsys: pytest.CaptureFixture[str]) -> None:
     """The next word does not fit on a line, in the first text (of a command) and in the last (of shared options)."""
     with pytest.raises(SystemExit):
         main(["track", "--help"])
-    lines = [line.strip(" │|").removeprefix("PATH ") for line in capsys.readouterr().out.splitlines()]
+    framed = capsys.readouterr().out.splitlines()
+    lines = [line.strip(" │|").removeprefix("PATH ") for line in framed]
     first = next(k for k, line in enumerate(lines) if line.strip().startswith("recording (.npz"))
     last = next(k for k, line in enumerate(lines) if line.startswith("--smpl-model"))
+    indented = framed[first + 1]
+    room = len(indented) - 1 - indented.index(lines[first + 1])  # characters of a text, up to the frame
+    assert 50 <= room <= 60
     for begin, count in ((first, 4), (last, 3)):
         texts = [line.removeprefix("--smpl-model PATH").strip() for line in lines[begin : begin + count]]
-        assert all(len(line) + len(after.split()[0]) >= 56 for line, after in pairwise(texts)), texts
+        assert all(len(line) + 1 + len(after.split()[0]) > room - 1 for line, after in pairwise(texts)), texts
 
 
 def test_options_of_track_are_in_groups(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from bodysense.cli import main
+from bodysense.devices.simulated.device import DEVICES
 
 # Completes the last of the words that are given, as a press of the tab key does.
 PRESS = """
@@ -32,7 +33,8 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("track --dev", ["--device"]),
         ("track --mi", ["--missing"]),
-        ("track --device h", ["head", "headset_camera"]),
+        ("track --device headset_c", ["headset_camera"]),
+        ("track --device h", [name for name in sorted(DEVICES) if name.startswith("h")]),
         ("data i", ["info"]),
     ],
 )

@@ -139,7 +139,7 @@ def test_a_video_without_a_person_is_refused(
         (("text.mp4", "--follow", "0"), "--follow 0: people are numbered from 1"),
         (("text.mp4", "--person", "2"), "--person 2: no such wearer's file; --follow 2 follows that person"),
         (("text.mp4", "--missing", "head"), "--missing, --noise and --save-person are not for videos"),
-        (("text.mp4", "--rig", "source"), "--rig source: only a .bvh file has a rig of its own"),
+        (("text.mp4", "--rig", "source"), "--rig source: only a .bvh or .fbx file has a rig of its own"),
         (("text.mp4", "--roll", "200"), "--roll 200: give -180 to 180 degrees"),
         (("text.mp4", "--tilt", "nan"), "--tilt nan: give -90 to 90 degrees"),
         (("text.mp4", "--seconds", "0"), "--seconds 0: give more than 0"),
