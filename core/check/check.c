@@ -84,7 +84,7 @@ static double number_of(source *from, double scale) {
     return value;
 }
 
-static void unit(double q[4]) {
+static void normalise(double q[4]) {
     double size = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     for (int c = 0; c < 4 && size > 1e-9 && size < 1e9; ++c) q[c] /= size;
 }
@@ -117,7 +117,7 @@ static void run(source *from) {
             mount->rotation_only = byte_of(from) % 4 == 1;
             for (int c = 0; c < 3; ++c) mount->translation[c] = number_of(from, 0.1);
             for (int c = 0; c < 4; ++c) mount->rotation[c] = number_of(from, 1);
-            unit(mount->rotation);
+            normalise(mount->rotation);
         }
         size_t size = bs_state_size(model);
         place[k] = memory(size);
@@ -153,7 +153,7 @@ static void run(source *from) {
                     for (int c = 0; c < 3 && has_position[k][t][p]; ++c)
                         position[k][t][p][c] = number_of(from, 2) + (c == 1);
                     for (int c = 0; c < 4 && has_rotation[k][t][p]; ++c) rotation[k][t][p][c] = number_of(from, 1);
-                    unit(rotation[k][t][p]);
+                    normalise(rotation[k][t][p]);
                 }
             }
         }

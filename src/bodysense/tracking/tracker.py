@@ -30,6 +30,8 @@ from bodysense.tracking.model import CompletionModel, packaged_model
 
 __all__ = ["Estimate", "Tracker", "TrackerSettings", "TrackerState", "step_together"]
 
+_LONGEST_STEP = 5.0  # s between frames; a longer step is doubted
+_LOST = 120.0  # s without frames that are a pause, not times in another unit
 SHORTEST_INTERVAL, LONGEST_INTERVAL, LONGEST_EASE = 1e-4, 10.0, 10.0  # s, of settings
 
 
@@ -201,8 +203,30 @@ class Tracker:
                     f"tracker: out has memory of other frames or people than the observation's {len(observation)} "
                     f"frames of {count}; give an estimate and a state of an earlier step like this one"
                 )
+        notices = self._notices(each, state)
         made, memory = _step_core(self.model, self.settings, each, state.memory, outputs, after)
-        return _estimate(made.of_first if alone else made.arrays, made), TrackerState(state.people, state.model, memory)
+        estimate = _estimate(made.of_first if alone else made.arrays, made, notices)
+        return estimate, TrackerState(state.people, state.model, memory)
+
+    def _notices(self, each: Sequence[Observation], state: TrackerState) -> tuple[str, ...]:
+        """Return notices about the first frames of each person's state, and about steps of many seconds."""
+        doubtful = [
+            (observation, before)
+            for k, observation in enumerate(each)
+            if np.isnan(before := state.time(k))
+            or (len(observation) and _LONGEST_STEP < observation.time[0] - before < _LOST)
+        ]
+        if not doubtful:
+            return ()
+        from bodysense.observing.guard import interval_notice, world_notices
+
+        found: list[str] = []
+        for observation, before in doubtful:
+            if np.isnan(before):
+                found += world_notices(observation, self.settings.floor)
+            else:
+                found.append(interval_notice(float(observation.time[0] - before)))
+        return tuple(dict.fromkeys(found))
 
 
 def step_together(
@@ -266,7 +290,9 @@ def _person_slice(observation: Observation, k: int) -> Observation:
     return replace(observation, **{name: getattr(observation, name)[k] for name in names})
 
 
-def _estimate(made: dict[str, np.ndarray], memory: core.Outputs | None = None) -> Estimate:
+def _estimate(
+    made: dict[str, np.ndarray], memory: core.Outputs | None = None, notices: tuple[str, ...] = ()
+) -> Estimate:
     """Return an estimate of the core's arrays; `memory` is theirs if a step may reuse it."""
     offset = made["rest_offset"]
     last = offset.reshape(-1, *offset.shape[-3:])[0, -1]
@@ -279,6 +305,7 @@ def _estimate(made: dict[str, np.ndarray], memory: core.Outputs | None = None) -
         contact=made["contact"],
         rest_offset=offset,
         memory=memory,
+        notices=notices,
     )
 
 

@@ -17,6 +17,7 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 from bodysense.observing.observation import Observation
 from bodysense.tracking.tracker import TrackerSettings
+from bodysense_lab.completion.data.signal_kinds import observed_set
 from bodysense_lab.completion.kinds.lattice import random_edges
 
 _JOINTS = ("pelvis", "spine3", *(f"{side}_{name}" for side in ("left", "right") for name in ("hip", "knee", "elbow")))
@@ -87,7 +88,7 @@ def motion(case: Case) -> Pose:
 def observation_of(case: Case) -> Observation:
     """Return what the device tracks: with noise, and sensors that come and go."""
     rng = np.random.default_rng(case.seed + 1)
-    sensors = random_edges(1, rng)[0].more if case.device == "lattice" else SETS[case.device]
+    sensors = observed_set(random_edges(1, rng)[0].more) if case.device == "lattice" else SETS[case.device]
     time = 100 + np.cumsum(rng.uniform(0.8, 1.2, case.frames)) / case.rate
     seen = observe(
         motion(case), time + np.where(case.gap & (np.arange(case.frames) > case.frames // 2), 1.5, 0), sensors

@@ -171,7 +171,8 @@ def with_chains(tree: Tree, points: Mapping[str, int], kind: Kind) -> dict[str, 
     first, second, third = ROLES[kind]
     for side in ("left", "right"):
         names = [f"{side}_{role}" for role in (first, second, third)]
-        if all(name in found for name in names) or not any(name in found for name in names):
+        known = [found[name] for name in names if name in found]
+        if not known or (len(known) == len(names) and not tree.means(known[0], "collar")):
             continue
         other = "right" if side == "left" else "left"
         there = (points[f"{other}_{role}"] for role in (first, second, third) if f"{other}_{role}" in points)
@@ -196,13 +197,14 @@ def with_chains(tree: Tree, points: Mapping[str, int], kind: Kind) -> dict[str, 
             start = above[0] if above else None
         if start is None or start not in way:
             continue
-        between = [k for k in way[1 : way.index(start)] if not tree.is_aside(k)]
-        middle = found.get(names[1])
-        if middle is None:
-            uneven = [_uneven(tree, start, k, end) for k in between]
-            middle = between[int(np.argmin(uneven))] if between else None
-        if middle is None or middle not in between:
+        chain = [start, *(k for k in way[1 : way.index(start)][::-1] if not tree.is_aside(k))]
+        # 'Shoulder' is the collar in some rigs, and then a further joint of the chain is the shoulder.
+        firsts = chain if tree.means(start, "collar") else chain[:1]
+        middles = [found[names[1]]] if names[1] in found else chain[1:]
+        pairs = [(a, b) for a in firsts for b in middles if b in chain and chain.index(a) < chain.index(b)]
+        if not pairs:
             continue
+        start, middle = pairs[int(np.argmin([_uneven(tree, a, b, end) for a, b in pairs]))]
         found |= dict(zip(names, (start, middle, end), strict=True))
     return found
 
