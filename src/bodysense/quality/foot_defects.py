@@ -1,6 +1,6 @@
 """Defects of feet: standing feet that slide, and feet through the floor.
 
-Thresholds are chosen on validation people of CMU and Rocketbox (`bodysense evaluate repair`).
+Thresholds are chosen on training and validation people of CMU and Rocketbox (`bodysense evaluate repair`).
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ Found = tuple[str, int, int, float]  # joint, first and last frame, size
 
 LOW = 0.025  # m above the foot's usual lowest height: a foot this low may stand
 LEVEL, RISING = 0.045, 0.1  # m/s; a sliding foot, and one that stands, rise and fall more slowly
-TURNING = 0.5  # rad/s; a sliding foot turns more slowly, else a dancer turns on it
+TURNING = 0.3  # rad/s; a sliding foot turns more slowly, else a dancer turns on it
 SLIDE, SWING = 0.13, 0.8  # m/s; a slower foot stands, a faster one swings
 LONGEST_GAP = 0.07  # s; shorter interruptions of a slide are part of it
 SHORTEST = 0.2  # s of a slide
-SUNKEN = 0.04  # m below the usual floor
+SUNKEN = 0.06  # m below the usual floor
 USUAL = 25.0  # percentile of the clearance that is the usual floor, if it is below 0
 LOWEST = 5.0  # percentile of the clearance that is the foot's usual lowest height
 
