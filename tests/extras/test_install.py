@@ -27,7 +27,6 @@ from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, SignalFrame, read_p
 ROOT = Path(__file__).parents[2]
 BASE = 130  # MB, of python:3.11-slim unpacked
 LARGEST = 400  # MB, of the image
-MOST_FROZEN = 100_000_000  # bytes, of the program in one file
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
 
 pytestmark = pytest.mark.slow
@@ -160,20 +159,6 @@ def test_the_dockerfile_makes_an_image_that_serves(tmp_path: Path) -> None:
         assert image.container_output(container, "id", "-u") == "10001"
         port = address.rpartition(":")[2]
         image.container_output(container, *(word.replace(":8765", f":{port}") for word in health))
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="the program is run on Linux")
-def test_the_recipe_makes_one_file_that_serves(tmp_path: Path) -> None:
-    """Built by the commands of docs/deploy.md in an environment of its own, then run without Python."""
-    source = copied(files(), tmp_path / "src")
-    text = (ROOT / "docs" / "deploy.md").read_text()
-    (step,) = re.findall(r"```sh\n(python -m venv frozen\n.*?)```", text, re.DOTALL)
-    subprocess.run(["sh", "-eu", "-c", step], check=True, cwd=source, env=ENVIRONMENT)
-    program = source / "dist" / "bodysense-serve"
-    assert program.stat().st_size < MOST_FROZEN
-    with served([str(program)], cwd="/", env={"HOME": "/nonexistent", "PATH": ""}, stdout=subprocess.PIPE) as address:
-        has_page_and_network(address)
-        assert answers_a_frame(address)
 
 
 def answers_a_frame(address: str) -> bool:
