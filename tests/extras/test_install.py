@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shlex
@@ -19,10 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import build_image
-import numpy as np
 import pytest
-
-from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
 
 ROOT = Path(__file__).parents[2]
 BASE = 130  # MB, of python:3.11-slim unpacked
@@ -159,21 +155,3 @@ def test_the_dockerfile_makes_an_image_that_serves(tmp_path: Path) -> None:
         assert image.container_output(container, "id", "-u") == "10001"
         port = address.rpartition(":")[2]
         image.container_output(container, *(word.replace(":8765", f":{port}") for word in health))
-
-
-def answers_a_frame(address: str) -> bool:
-    """Whether a client that says hello and sends a headset's frame gets a body of the same number."""
-    from websockets.sync.client import connect
-    from websockets.typing import Subprotocol
-
-    subprotocols = [Subprotocol(SUBPROTOCOL)]
-    with connect(address.replace("http", "ws") + "/ws", subprotocols=subprotocols, compression=None) as socket:
-        socket.send(json.dumps({"type": "hello", "version": 1, "points": ["headset"]}))
-        points = len(json.loads(socket.recv(timeout=20))["points"])
-        place, turn = np.array([[0, 1.6, 0]], dtype=np.float32), np.array([[1, 0, 0, 0]], dtype=np.float32)
-        both = np.full(1, 3, dtype=np.uint8)
-        socket.send(write_signal(SignalFrame(7, 0.0, np.zeros(1, dtype=np.uint8), both, place, turn)))
-        while True:
-            answer = socket.recv(timeout=20)
-            if isinstance(answer, bytes) and answer[0] == POSE:
-                return read_pose(answer, points).sequence == 7
