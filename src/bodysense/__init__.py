@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from bodysense.quality import metrics
     from bodysense.sources.conversion import convert
     from bodysense.sources.reading import read, write
+    from bodysense.takes.repair import repair
     from bodysense.takes.take import Take, track
     from bodysense.tracking.estimate import Estimate
     from bodysense.tracking.tracker import Tracker, TrackerSettings, step_together
@@ -52,6 +53,7 @@ __all__ = [
     "metrics",
     "observe",
     "read",
+    "repair",
     "simulate",
     "step_together",
     "track",
@@ -79,6 +81,7 @@ _HOMES = {
     "glove_device": "devices.gloves.device",
     "observe": "observing.observation",
     "read": "sources.reading",
+    "repair": "takes.repair",
     "simulate": "devices.simulated.device",
     "step_together": "tracking.tracker",
     "track": "takes.take",

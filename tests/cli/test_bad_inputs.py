@@ -43,7 +43,7 @@ BAD = {
     "track motion.bvh -o out.bvh --height=tall": "--height tall: give a number in metres, such as 1.75",
     "track motion.bvh -o out.bvh --height 175": "--height 175: people are 1 to 2.3 m high",
     "papers generate -o out.bvh --height 3": "--height 3: people are 1 to 2.3 m high",
-    "track motion.bvh -o out.bvh --device kinect": "--device kinect: give one of dip_six, four_point, gloves, gloves_imu",
+    "track motion.bvh -o out.bvh --device kinect": "--device kinect: give one of dip_six, four_point, gloves",
     "track motion.bvh -o out.bvh --device None": "--device None: give one of dip_six, four_point, gloves, gloves_imu",
     "track motion.bvh -o out.bvh --up w": "--up w: give one of -x, -y, -z, x, y, z",
     "track motion.bvh -o out.bvh --seed 1.5": "--seed 1.5: give a whole number",

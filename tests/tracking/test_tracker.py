@@ -164,7 +164,8 @@ def test_a_tracker_with_a_mount_gives_its_joint() -> None:
         tracker.step(part, tracker.start())[0]
         for tracker, part in ((Tracker(plain_person), observation), (Tracker(mounted_person), strapped_on))
     )
-    assert np.abs(plain.points - mounted.points).max() < 1e-4
+    # States of the network are bytes: a difference in the last bit of an input may round one to the next byte.
+    assert np.abs(plain.points - mounted.points).max() < 2e-4
 
 
 def test_mounts_are_refined_alike_whole_streamed_and_in_batches() -> None:

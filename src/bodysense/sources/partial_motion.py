@@ -41,15 +41,17 @@ class PartialMotion:
         return not self.holes.any() and not self.clip.lacks
 
 
-def open_partial(source: Path | Clip, missing: Sequence[Missing], options: ReadingOptions = AS_FOUND) -> PartialMotion:
+def open_partial(
+    source: Path | Clip, missing: Sequence[Missing], options: ReadingOptions = AS_FOUND, *, held: bool = True
+) -> PartialMotion:
     """Open a BVH file, an FBX file or a clip with its holes: `missing` joints and NaN values.
 
-    If no missing joints are given, limbs with constant values in the file are missing, too.
+    If no missing joints are given, limbs with constant values in the file are missing, too, unless `held` is false.
 
     Raises BodysenseError for invalid items, and if a joint that carries the whole body is missing in all frames.
     """
     if isinstance(source, Path):
-        return _partial_file(source, missing, options)
+        return _partial_file(source, missing, options, held and not missing)
     from bodysense.io.target_rigs.own_rig import own_joints
 
     clip = source
@@ -60,11 +62,11 @@ def open_partial(source: Path | Clip, missing: Sequence[Missing], options: Readi
     return PartialMotion(replace(clip, pose=replace(clip.pose, rotation=rotation)), rig, rotation, holes, rest)
 
 
-def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOptions) -> PartialMotion:
+def _partial_file(path: Path, missing: Sequence[Missing], options: ReadingOptions, held: bool) -> PartialMotion:
     file = open_joint_file(path, options)
     clip, rig, line = _read(file, options)
     holes = missing_mask(missing, file.joints, file.parents, len(file.values), rig.ours) | ~file.has_number
-    if not missing:
+    if held:
         holes |= flat_lined(file, rig)
     rotation, rest = _fill_trunk(str(path), rig, file.rotation, holes, 1 / file.frame_rate)
     rooted = holes & ~rest

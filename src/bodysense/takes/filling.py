@@ -182,10 +182,10 @@ def hold_filled_feet(
         shift[:, 1] = np.where(gone, np.maximum(0.0, lowest - clearance), 0.0)
         pose = reach(pose, f"{side}_ankle", position[:, skeleton.index(f"{side}_ankle")] + shift)
         bent[:, leg] |= shift.any(axis=1, keepdims=True)
-    return _with_world_rotations(rig, rotation, rig.world(pose), bent)
+    return with_world_rotations(rig, rotation, rig.world(pose), bent)
 
 
-def _with_world_rotations(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) -> Array:
+def with_world_rotations(rig: SourceJoints, rotation: Array, wanted: Array, where: Array) -> Array:
     """Return local rotations (T, J, 4) that give joints in `where` (T, J) the `wanted` world rotations (T, J, 4)."""
     local, world = np.array(rotation), np.zeros_like(rotation)
     for joint, parent in enumerate(rig.parents):

@@ -194,11 +194,11 @@ def track(
     Raises BodysenseError, naming the source and the fix, for sources that cannot be tracked.
     """
     opened = open_source(source, reading)
-    completion = _Completion(settings, network, causal, advance)
+    completion = Completion(settings, network, causal, advance)
     if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        take = _fill_take(opened.with_holes(missing), completion)
+        take = fill_take(opened.with_holes(missing), completion)
         return replace(take, source=opened.joint_file, reading=opened.options)
     if missing not in ((), []):
         other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"
@@ -219,7 +219,7 @@ def track(
 
 
 @dataclass(frozen=True, eq=False)
-class _Completion:
+class Completion:
     """Options of the completion; fields as the arguments of `track`."""
 
     settings: TrackerSettings
@@ -228,7 +228,7 @@ class _Completion:
     advance: Callable[[int, int], None]
 
 
-def _fill_take(partial: PartialMotion, completion: _Completion) -> Take:
+def fill_take(partial: PartialMotion, completion: Completion) -> Take:
     """Fill the holes of a motion."""
     from bodysense.takes.filling import check_causal, fill_motion, known_points, pose_of, with_missing_limbs
 
@@ -243,7 +243,7 @@ def _fill_take(partial: PartialMotion, completion: _Completion) -> Take:
     return replace(take, clip=whole, partial=partial, file=file, remarks=(*clip.warnings, *take.remarks))
 
 
-def _track_signal(signal: Signal, completion: _Completion, markers: MarkerSource | None = None) -> Take:
+def _track_signal(signal: Signal, completion: Completion, markers: MarkerSource | None = None) -> Take:
     observation, settings = signal.observation, completion.settings
     interval = _interval(observation, settings)
     _check_height(observation, settings.floor)
@@ -308,7 +308,7 @@ def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Esti
 
 
 def _complete(
-    observation: Observation, person: Person, completion: _Completion, interval: float
+    observation: Observation, person: Person, completion: Completion, interval: float
 ) -> tuple[Estimate, Person]:
     """Return the completed body, and the person as inferred at the end; if causal, exactly like a live session."""
     if not completion.causal:

@@ -5,32 +5,18 @@ from __future__ import annotations
 import itertools
 import time
 from collections import Counter
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
+from drawn_sequences import failing, numbered
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion.data.sequences import Sequence
 from bodysense_lab.completion.training.drawing import Drawing, read_block, write_block
 from bodysense_lab.completion.training.packaged import packaged_sampler
 from bodysense_lab.core.parallel import prefetched
-
-
-def numbered(rng: np.random.Generator):
-    """Draw sequences of a frame whose size is a random number and whose interval counts the draws."""
-    first = packaged_sampler(np.random.default_rng(0))()
-    cut = {one.name: getattr(first, one.name) for one in fields(Sequence)}
-    for name, value in cut.items():
-        if isinstance(value, np.ndarray) and len(value) == len(first):
-            cut[name] = value[:1]
-    short, counter = Sequence(**cut), itertools.count(1)
-    return lambda: replace(short, size=float(rng.uniform()), interval=float(next(counter)))
-
-
-def failing(rng: np.random.Generator):
-    raise SystemExit(1)
 
 
 def test_a_block_is_read_as_it_was_written(tmp_path: Path) -> None:

@@ -157,7 +157,7 @@ def test_wrists_are_given_in_the_frame_under_the_head(corpus: Corpus) -> None:
         rotation=quaternion_multiply(spin, corpus.rotation.astype(float)).astype(np.float32),
         root=(quaternion_rotate(spin, corpus.root.astype(float)) + np.array([3.0, 0.0, -2.0])).astype(np.float32),
     )
-    one, other = (hands_of(sequence(each, "nothing")) for each in (corpus, elsewhere))
+    one, other = (hands_of(sequence(each, "tracked")) for each in (corpus, elsewhere))
     for name in ("wrist", "wrist_velocity", "true_position"):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-4)
     apart = geodesic_angle(one.wrist_rotation.astype(float), other.wrist_rotation.astype(float))

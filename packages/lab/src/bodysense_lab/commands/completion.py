@@ -1,4 +1,4 @@
-"""`bodysense train completion`, `completion-fingers` and `bodysense evaluate completion`, `fingers`, `holes`."""
+"""`bodysense train completion`, `completion-fingers`; `evaluate completion`, `fingers`, `holes`, `repair` …"""
 
 from __future__ import annotations
 
@@ -380,3 +380,25 @@ def holes(
     report = holes_report(gaps, source.name)
     numbers = report.numbers | {"clips": float(count), "clips_in_split": float(total)}
     finish(replace(report, numbers=numbers), table)
+
+
+def repair_table(
+    data: Data,
+    clips: Count | None = None,
+    table: Table = TableOptions(),
+) -> None:
+    """Make spikes, frozen limbs, swapped limbs and sliding feet in true motion; score what is found and repaired.
+
+    Args:
+        clips: number of clips, spread evenly; all if omitted.
+    """
+    from bodysense_lab.completion.defects.repair_scores import repair_report, score_repair
+    from bodysense_lab.data.clips import open_clips
+
+    source = open_data(data, table)
+    total = source.count()
+    count = min(total, 4 if table.quick else clips or total)
+    with progress_bar("scored", count) as advance:
+        scores = score_repair(open_clips(source.path, source.split, at_most=count), advance=advance)
+    report = repair_report(scores, source.name)
+    finish(replace(report, numbers=report.numbers | {"clips": float(count)}), table)

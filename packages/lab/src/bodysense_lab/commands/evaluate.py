@@ -17,6 +17,7 @@ def commands() -> SubcommandApp:
     group.command(completion.scenes)
     group.command(name="fingers")(completion.untracked_fingers)
     group.command(completion.holes)
+    group.command(name="repair")(completion.repair_table)
     group.command(unoc.finger_synthesis)
     group.command(name="hmd-vae")(hmd_vae.hmd_vae_figures)
     group.command(hmd_vae.hmd_vae_figure4)

@@ -140,7 +140,7 @@ def _open_part(part: Path, rate: float, options: ReadingOptions) -> Any:
 
 def _stored_options(options: ReadingOptions) -> dict[str, str]:
     """Return the reading options as a store saves them."""
-    return {name: str(value) for name, value in asdict(options).items() if value is not None}
+    return {name: str(value) for name, value in asdict(options).items() if value not in (None, False)}
 
 
 def _check_reading_options(path: Path, options: ReadingOptions) -> None:

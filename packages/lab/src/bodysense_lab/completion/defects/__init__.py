@@ -1,0 +1,1 @@
+"""Defects made up in true motion, and how well they are found and repaired."""
