@@ -276,8 +276,8 @@ def short_training(quick_completion: None, in_threads: None, monkeypatch: pytest
     def export(*given: Any, **options: Any) -> None:
         next(one for one in given if isinstance(one, Path)).write_bytes(b"trained")
 
-    for module in ("unoc.export", "hmd_vae.export", "pahmt.export", "two_hands.train"):
-        monkeypatch.setattr(f"bodysense_lab.{module}.export", export)
+    for module in ("unoc.network.export", "hmd_vae.export", "pahmt.export", "two_hands.train"):
+        monkeypatch.setattr(f"bodysense_lab.papers.{module}.export", export)
 
 
 @pytest.fixture(scope="session")

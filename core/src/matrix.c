@@ -14,6 +14,13 @@
 #define UNROLL_4 _Pragma("GCC unroll 4")
 #endif
 
+/* Columns of the widest tile. Clang 14 keeps the sums of four in memory, which takes twice as long. */
+#if defined(__clang__) && __clang_major__ < 17
+#define WIDEST 2
+#else
+#define WIDEST 4
+#endif
+
 #define LEAST_SIZE 1e-30F /* vectors of smaller numbers are zero */
 
 /* Return how many steps make 1, if `steps` of them make the largest number of a block. */

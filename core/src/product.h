@@ -60,7 +60,7 @@ TARGET static void MULTIPLY(const matrix *m, int columns, const void *values, co
             const VALUE *x = (const VALUE *)values + column * inputs;
             const float *of = step + column * blocks;
             float *to = y + column * stride;
-            const size_t wide = column + 4 <= (size_t)columns ? 4 : 2;
+            const size_t wide = WIDEST == 4 && column + 4 <= (size_t)columns ? 4 : 2;
             column += wide;
             if (end == first + 1 && wide == 2) TILE(m, first, 1, 2, x, of, to, stride);
             else if (end == first + 1) TILE(m, first, 1, 4, x, of, to, stride);

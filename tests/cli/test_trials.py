@@ -60,8 +60,8 @@ def export(*given, **options):
     next(one for one in given if isinstance(one, Path)).write_bytes(b"trained")
 
 if __name__ == "__main__":
-    for module in ("unoc", "hmd_vae", "pahmt"):
-        importlib.import_module(f"bodysense_lab.{module}.export").export = export
+    for module in ("unoc.network", "hmd_vae", "pahmt"):
+        importlib.import_module(f"bodysense_lab.papers.{module}.export").export = export
     importlib.import_module("bodysense_lab.papers.two_hands.train").export = export
     for command in sys.argv[1:]:
         if main(shlex.split(command)):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import shlex
@@ -19,15 +18,11 @@ from pathlib import Path
 from typing import Any
 
 import build_image
-import numpy as np
 import pytest
-
-from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, SignalFrame, read_pose, write_signal
 
 ROOT = Path(__file__).parents[2]
 BASE = 130  # MB, of python:3.11-slim unpacked
 LARGEST = 400  # MB, of the image
-MOST_FROZEN = 100_000_000  # bytes, of the program in one file
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "VIRTUAL_ENV")}
 
 pytestmark = pytest.mark.slow
@@ -160,35 +155,3 @@ def test_the_dockerfile_makes_an_image_that_serves(tmp_path: Path) -> None:
         assert image.container_output(container, "id", "-u") == "10001"
         port = address.rpartition(":")[2]
         image.container_output(container, *(word.replace(":8765", f":{port}") for word in health))
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="the program is run on Linux")
-def test_the_recipe_makes_one_file_that_serves(tmp_path: Path) -> None:
-    """Built by the commands of docs/deploy.md in an environment of its own, then run without Python."""
-    source = copied(files(), tmp_path / "src")
-    text = (ROOT / "docs" / "deploy.md").read_text()
-    (step,) = re.findall(r"```sh\n(python -m venv frozen\n.*?)```", text, re.DOTALL)
-    subprocess.run(["sh", "-eu", "-c", step], check=True, cwd=source, env=ENVIRONMENT)
-    program = source / "dist" / "bodysense-serve"
-    assert program.stat().st_size < MOST_FROZEN
-    with served([str(program)], cwd="/", env={"HOME": "/nonexistent", "PATH": ""}, stdout=subprocess.PIPE) as address:
-        has_page_and_network(address)
-        assert answers_a_frame(address)
-
-
-def answers_a_frame(address: str) -> bool:
-    """Whether a client that says hello and sends a headset's frame gets a body of the same number."""
-    from websockets.sync.client import connect
-    from websockets.typing import Subprotocol
-
-    subprotocols = [Subprotocol(SUBPROTOCOL)]
-    with connect(address.replace("http", "ws") + "/ws", subprotocols=subprotocols, compression=None) as socket:
-        socket.send(json.dumps({"type": "hello", "version": 1, "points": ["headset"]}))
-        points = len(json.loads(socket.recv(timeout=20))["points"])
-        place, turn = np.array([[0, 1.6, 0]], dtype=np.float32), np.array([[1, 0, 0, 0]], dtype=np.float32)
-        both = np.full(1, 3, dtype=np.uint8)
-        socket.send(write_signal(SignalFrame(7, 0.0, np.zeros(1, dtype=np.uint8), both, place, turn)))
-        while True:
-            answer = socket.recv(timeout=20)
-            if isinstance(answer, bytes) and answer[0] == POSE:
-                return read_pose(answer, points).sequence == 7

@@ -14,7 +14,7 @@ from bodysense.body.shape import sample_bodies
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import write_bvh
-from bodysense.io.formats.bvh_text import open_bvh
+from bodysense.io.formats.bvh_text import BvhFile, open_bvh
 from bodysense.io.rigged import read_rigged
 from bodysense.io.target_rigs.named import on_rig as under_names
 from bodysense.io.target_rigs.named import renamed
@@ -47,6 +47,7 @@ def test_source_to_ours_to_source_is_the_same(name: str, tmp_path: Path) -> None
     text = write(layout, held_still(motion(6), layout))
     file, rigged = of(text, tmp_path / "take.bvh")
     again = on_rig(file, rigged, rigged.clip)
+    assert isinstance(again, BvhFile)
     turned = np.rad2deg(geodesic_angle(file.rotation, again.rotation)).max(axis=0)
     ours = [file.joints.index(given) for given in rigged.rig.joints.values() if given in file.joints]
     assert turned[ours].max() < 1e-4

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +26,7 @@ STANDING = [
 ]
 
 
-def of(text: str, **options: bool) -> Rigged:
+def of(text: str, **options: Any) -> Rigged:
     return read_rigged(text.encode(), Path("take.bvh"), ReadingOptions(**options))
 
 
@@ -34,7 +35,7 @@ def of(text: str, **options: bool) -> Rigged:
 def test_a_lying_body_stays(name: str, how: str) -> None:
     layout = EVERY[name]
     clip = held_still(lying_clip(how), layout)
-    options = {} if layout.has_known_unit else {"unit": str(layout.unit)}
+    options: dict[str, Any] = {} if layout.has_known_unit else {"unit": str(layout.unit)}
     text = write(layout, clip)
     rigged = read_rigged(text.encode(), Path("take.bvh"), ReadingOptions(**options))
     points = [point for point in mapped(layout) if point in rigged.rig.joints and point in BODY]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -68,11 +69,5 @@ def test_the_tracker_asks_once_for_a_state(seen: Observation) -> None:
     first, state = tracker.step(high[:1], tracker.start())
     again, state = tracker.step(high[1:2], state)
     assert first.notices and again.notices == ()
-    late = Observation(
-        *(getattr(high, name)[2:3] if name != "points" else high.points for name in ("points", "position", "rotation")),
-        high.has_position[2:3],
-        high.has_rotation[2:3],
-        high.accuracy[2:3],
-        high.time[2:3] + 16.7,
-    )
+    late = replace(high[2:3], time=high.time[2:3] + 16.7)
     assert any("milliseconds" in notice for notice in tracker.step(late, state)[0].notices)

@@ -60,12 +60,14 @@ def test_points_of_one_camera_are_flat(axis: int) -> None:
     place, later, moment = places_of(packaged_performance())
     level = np.ones(3)
     level[axis] = 0
-    assert "flat" in kinds(*({name: p * level for name, p in one.items()} for one in (place, later)), moment)
+    first, second = ({name: p * level for name, p in one.items()} for one in (place, later))
+    assert "flat" in kinds(first, second, moment)
 
 
 def test_units_and_rates() -> None:
     place, later, moment = places_of(packaged_performance())
-    assert kinds(*({name: 100 * p for name, p in one.items()} for one in (place, later)), moment) >= {"size"}
+    first, second = ({name: 100 * p for name, p in one.items()} for one in (place, later))
+    assert kinds(first, second, moment) >= {"size"}
     assert kinds(place, {name: p + np.array([0.9, 0, 0]) for name, p in place.items()}, moment) == {"speed"}
     assert kinds(place, later, moment, rate=0.03) == {"rate"} == kinds(place, later, moment, rate=1200.0)
     assert floor_doubt(2.9) is None

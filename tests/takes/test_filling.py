@@ -282,7 +282,7 @@ def test_legs_of_short_gaps_are_not_corrected(take: Path, seconds: float, correc
     """In a gap of less than 0.3 s interpolation is nearer to the truth than a leg that is bent for the floor."""
     rate = motion_of(take).frame_rate
     motion = open_partial(take, missing_items(f"right_hip+:30-{29 + round(seconds * rate)}"))
-    gap = motion.missing.any(axis=1)
+    gap = np.asarray(motion.missing.any(axis=1))
     assert gap.sum() == round(seconds * rate)
     rotation = np.array(motion.rotation)
     rotation[gap, motion.rig.ours["right_knee"]] = quaternion_exp(np.array([0.0, 0.0, 0.0]))

@@ -20,7 +20,7 @@ from bodysense.devices.simulated.device import DEVICES, DeviceName, simulate
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import write_bvh
-from bodysense.io.formats.recording import Recording, write_recording
+from bodysense.io.formats.recording import Recording, read_recording, write_recording
 from bodysense.observing.observation import Observation
 from bodysense.sources.reading import read, write
 from bodysense.takes.take import track
@@ -62,7 +62,7 @@ def test_raw_poses_of_devices_are_read_from_a_file(three_points: Observation, tm
     take, tracker = track(path, causal=True), Tracker(Person())
     state = tracker.start()
     for k in range(len(raw)):
-        estimate, state = tracker.step(read(path).observation[k : k + 1], state)
+        estimate, state = tracker.step(read_recording(path).observation[k : k + 1], state)
         np.testing.assert_allclose(take.estimate.points[k], estimate.points[0], atol=1e-6)
     twice = replace(three_points, points=("head", "headset", "right_wrist"))
     write_recording(path, Recording(twice, default_skeleton(), known=False))

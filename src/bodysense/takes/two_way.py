@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -255,7 +256,7 @@ def concatenate_estimates(parts: Iterable[Estimate], frames: int, rest_offset: A
     `rest_offset` (P, 3) m is the offset of every frame, if it is fixed. It is stored once.
     """
     names = [name for name in _ARRAYS if name != "rest_offset" or rest_offset is None]
-    whole: dict[str, Array] = {}
+    whole: dict[str, Any] = {}  # arrays by their names
     done, skeleton = 0, None
     for part in parts:
         arrays = {name: getattr(part, name) for name in names}

@@ -78,9 +78,13 @@ def test_shrinking_and_merging_keep_answers_on_known_inputs(batches: list[Sequen
 
     free = [away(changed, usual) for usual in (True, False)]
     for _ in range(40):
-        protection.shrink(changed)
+        protection.shrink(changed, 1.0)
     shrunk = [away(changed, usual) for usual in (True, False)]
     assert shrunk[0] < 0.5 * free[0], "answers on known inputs come back"
+    before = products_of(changed)
+    protection.shrink(changed, 0.0)
+    for name, value in products_of(changed).items():
+        torch.testing.assert_close(value, before[name], atol=1e-6, rtol=1e-5)
     protection.merge(changed, new, 1e4)
     merged = [away(changed, usual) for usual in (True, False)]
     assert merged[0] < 0.3 * shrunk[0]

@@ -61,7 +61,7 @@ def read_mcap(path: Path) -> Subject:
         available=main["times"]["available"] / 1e9,
         device_time=main["times"]["device"] / 1e9,
         all_tracked=main["all_tracked"] if first == "body" else None,
-        all_valid=main["joints"]["valid"].all(axis=1) if first == "body" else None,
+        all_valid=np.asarray(main["joints"]["valid"].all(axis=1)) if first == "body" else None,
     )
     subject = points_subject(path.stem, "MCAP", names, time, position, rotation, rotated, valid)
     return replace(subject, floor=0.0, transport=transport)

@@ -94,7 +94,7 @@ class Task:
         """
         raise NotImplementedError
 
-    def after_step(self) -> None:
+    def after_step(self, optimizer: Optimizer) -> None:
         """Change the network after each step of the optimiser; nothing by default."""
 
     def validate(self, network: Any) -> dict[str, float]:
@@ -204,7 +204,7 @@ def take_step(
     for group in optimizer.param_groups:
         nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
     optimizer.step()
-    task.after_step()
+    task.after_step(optimizer)
     return terms, memory
 
 

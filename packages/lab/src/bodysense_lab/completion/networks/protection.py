@@ -143,10 +143,16 @@ class Protection:
             factors[name] = (directions / (1 + _SHRINKING * relative)) @ directions.mT
         return cls(products_of(network), known, factors)
 
-    def shrink(self, network: CompletionNetwork) -> None:
-        """Shrink the changes of a network after a step of training, in place."""
-        now = products_of(network)
-        changed = {name: value + (now[name] - value) @ self.shrinking[name] for name, value in self.initial.items()}
+    def shrink(self, network: CompletionNetwork, share: float) -> None:
+        """Shrink the changes of a network after a step of training, in place.
+
+        `share` is the learning rate as a share of the highest: shrinking that does not fall with the rate undoes at the
+        end what was learned.
+        """
+        changed = dict[str, Tensor]()
+        for name, now in products_of(network).items():
+            change = now - self.initial[name]
+            changed[name] = now + share * (change @ self.shrinking[name] - change)
         set_products(network, changed)
 
     def merge(self, network: CompletionNetwork, new: Products, weight: float) -> None:

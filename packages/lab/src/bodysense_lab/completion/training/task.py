@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.optim import Optimizer
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
@@ -122,10 +123,10 @@ class CompletionTask(Task):
             terms["stay"] = torch.zeros(())
         return terms, torch.cat([after, earlier])
 
-    def after_step(self) -> None:
-        """Shrink changes along directions that known inputs use, if they are protected."""
+    def after_step(self, optimizer: Optimizer) -> None:
+        """Shrink changes along directions that known inputs use, if they are protected, in step with the rate."""
         if self.protection is not None:
-            self.protection.shrink(self.network)
+            self.protection.shrink(self.network, optimizer.param_groups[0]["lr"] / self.schedule.learning_rate)
 
     def _memory_before(self, batch: SequenceBatch, memory: Tensor | None) -> Tensor:
         """Return the memories before a chunk: of the network, then of the teacher if there is one."""
