@@ -43,6 +43,8 @@ def test_the_library_runs_without_the_packages(run: Command) -> None:
     assert set(application(packages.installed())._subcommands) == {
         "demo",
         "track",
+        "check",
+        "repair",
         "simulate",
         "convert",
         "data",
