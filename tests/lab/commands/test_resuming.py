@@ -44,7 +44,7 @@ AS_PROCESS = "gloves"
 KILLED = """
 import os, signal, sys
 from bodysense.cli import main
-from bodysense_lab import fit
+from bodysense_lab.core import fit
 
 save, saved = fit.save_checkpoint, []
 

@@ -22,6 +22,7 @@ from bodysense.tracking.tracker import Tracker
 from bodysense_lab.completion.data.corpus import read_corpus
 from bodysense_lab.completion.data.points import body_indices
 from bodysense_lab.completion.data.postures.posture_clips import posture_clips
+from bodysense_lab.completion.data.signal_kinds import observed_set
 from bodysense_lab.completion.kinds.lattice import random_edges
 from bodysense_lab.completion.networks.error_map import (
     CERTAINTY_SCALE,
@@ -80,7 +81,7 @@ def sample_errors(
     rng = np.random.default_rng(seed)
     draws: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]
     for edge in random_edges(12, rng):
-        draws.append((edge.more, BODIES[int(rng.integers(len(BODIES)))]))
+        draws.append((observed_set(edge.more), BODIES[int(rng.integers(len(BODIES)))]))
     jobs: list[tuple[SensorSet, Body, Sequence[TrackedScene], bool, int]] = []
     for group, (sensors, body) in enumerate(draws):
         for in_training, scenes in ((True, training_scenes), (False, validation_scenes)):
