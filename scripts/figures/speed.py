@@ -52,9 +52,10 @@ def first_body(found: Numbers) -> str:
     ]
     table = markdown(["step, s", "empty cache", "no network"], rows)
     compiler = "the wheel `ziglang` as compiler" if found["without_compiler"] else "the system's compiler"
+    by_uvx = f" With `uvx` and an empty cache: {found['uvx_s']:.0f} s." if "uvx_s" in found else ""
     return (
         f"{table}\n\nWith {compiler}. Packages have {found['packages_mb']:.0f} MB, "
-        f"which took {found['network_s']:.0f} s; the clone has {found['clone_mb']:.0f} MB."
+        f"which took {found['network_s']:.0f} s; the clone has {found['clone_mb']:.0f} MB.{by_uvx}"
     )
 
 
