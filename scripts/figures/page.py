@@ -1,4 +1,4 @@
-"""Table of docs/results.md about the page, the server and the image, and measured sentences of docs/page.md."""
+"""Tables about the page, the server, the image and the packages, and measured sentences of docs/page.md."""
 
 from __future__ import annotations
 
@@ -70,8 +70,19 @@ def headset(found: Numbers) -> str:
     )
 
 
+def packages(found: Numbers) -> str:
+    """Return the sizes of the packages of ecosystems."""
+    rows = [
+        ["Blender, for one system", f"{found['blender_mb']:.1f}"],
+        ["Unity, for all systems", f"{found['unity_mb']:.1f}"],
+        ["Godot, for all systems", f"{found['godot_mb']:.1f}"],
+    ]
+    return markdown(["package", "MB"], rows) + "\n\n`python scripts/build_packages.py`."
+
+
 BLOCKS = (
     Block("docs/results.md", "requirements", requirements, ("page", "live-share-20", "live-share-10", "image")),
     Block("docs/page.md", "visit", visit, ("page",)),
+    Block("docs/deploy.md", "packages", packages, ("packages",)),
     Block("docs/page.md", "headset", headset, ("page-endurance",)),
 )
