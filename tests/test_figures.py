@@ -152,7 +152,7 @@ def test_missing_figures_are_dashes_and_rows_without_any_are_omitted() -> None:
 | published | 3 | – |
 
 The first is {x_low_cm:.2f} cm, the second file's {two/x_low_cm:.1f}.
-Of {gone:.2f} nobody knows.
+Mean error: {gone:.2f} cm.
 
 | only | missing |
 | --- | --- |
