@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Collection
 from reprlib import repr as brief
 
 # Part of the repository to install, from a clone of it, for each optional package.
@@ -41,6 +43,33 @@ SOURCES = {
 
 class BodysenseError(Exception):
     """Error for input that cannot be used. The message names the value, valid values, and the fix."""
+
+
+_FEW = 15  # names that a message lists; of more, only the nearest are of use
+
+
+def unknown_name(name: str, names: Collection[str]) -> str:
+    """Return the end of a message about an unknown name: the nearest valid names, and all of them if they are few.
+
+    Capitals, blanks and punctuation do not count.
+    """
+    asked, listed = did_you_mean(name, names), f"valid are {', '.join(names)}"
+    if not asked:
+        return listed
+    return f"{asked} V{listed[1:]}" if len(names) <= _FEW else asked
+
+
+def did_you_mean(name: str, names: Collection[str]) -> str:
+    """Return a question with the nearest valid names; an empty text if none is near."""
+    plain = {_plain(valid): valid for valid in reversed(tuple(names))}
+    asked = _plain(name)
+    near = [plain[one] for one in ([asked] if asked in plain else difflib.get_close_matches(asked, plain, 2, 0.8))]
+    return f"did you mean {' or '.join(near)}?" if near else ""
+
+
+def _plain(name: str) -> str:
+    """Return a name's letters and digits in lower case, without a character's prefix such as 'mixamorig:'."""
+    return "".join(letter for letter in name.rpartition(":")[2].lower() if letter.isalnum())
 
 
 def missing_package(error: ImportError) -> BodysenseError:

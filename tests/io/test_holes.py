@@ -59,7 +59,9 @@ def test_ranges_and_descendants_of_a_joint() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("left_han", "no such joint; valid are Hips, LeftUpLeg"),
+        ("left_han", r"no such joint; did you mean LeftHand\? Valid are Hips, LeftUpLeg"),
+        ("tail", "no such joint; valid are Hips, LeftUpLeg"),
+        ("LeftHand:5-7s", "frames are given as FIRST-LAST, such as LeftHand:0-99"),
         ("left_foot", "LeftFoot or LeftToeBase may be meant"),
         ("LeftHand:5-12", "frames 0 to 9"),
         ("LeftHand:5-2", "ends before it begins"),

@@ -179,6 +179,22 @@ def test_the_estimate_of_one_of_several_people() -> None:
         np.testing.assert_array_equal(getattr(one, name), getattr(estimate, name)[2])
 
 
+@pytest.mark.parametrize(
+    ("name", "answer"),
+    [
+        ("Head", r"did you mean head\?"),
+        ("left_wirst", "did you mean left_wrist"),
+        ("left controler", "did you mean left_controller"),
+        ("nose", "points are those of bs.default_skeleton"),
+    ],
+)
+@pytest.mark.parametrize("unit", [None, "m"])
+def test_observe_refuses_unknown_points(name: str, answer: str, unit: str | None) -> None:
+    poses = {"head": ([0.0, 1.6, 0.0], None), name: ([0.1, 1.5, 0.0], None)}
+    with pytest.raises(BodysenseError, match=f"observe: unknown point {name!r}; {answer}"):
+        observe(0.0, poses, unit=unit)
+
+
 def test_a_point_that_the_skeleton_lacks_is_refused() -> None:
     with pytest.raises(BodysenseError, match=r"unknown joint 'left_wirst'; this skeleton has left_wrist"):
         observed_points(replace(example(), points=("head", "left_wirst")), SKELETON)

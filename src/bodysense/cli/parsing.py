@@ -23,7 +23,7 @@ from tyro._parsers import LazyParserSpecification
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 from tyro.extras import SubcommandApp
 
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, did_you_mean
 from bodysense.files import written_beside
 
 PROGRAM = "bodysense"
@@ -163,8 +163,10 @@ def _reason(event: events.ParseErrorEvent, application: SubcommandApp, given: Se
             return f"{name}: the value is missing; give {_expected_value(event.argument)}"
         return f"{name} {event.offending_value}: takes no value; leave {event.offending_value!r} out"
     if isinstance(event, events.InvalidChoice):
-        choices = ", ".join(sorted(choice for choice in event.choices if choice != "None"))
-        return f"{_name(event.argument)} {event.value or _EMPTY}: give one of {choices}"
+        choices = sorted(choice for choice in event.choices if choice != "None")
+        near = did_you_mean(event.value, choices)
+        asked = f"{near} Give" if near else "give"
+        return f"{_name(event.argument)} {event.value or _EMPTY}: {asked} one of {', '.join(choices)}"
     if isinstance(event, events.UnrecognizedArgs):
         return _unknown(event.tokens, application, given)
     if isinstance(event, events.InstantiationFailure) and event.argument is not None:

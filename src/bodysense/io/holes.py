@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from bodysense.body.gaps import runs
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, unknown_name
 from bodysense.io.rigs.names import joint_of
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 _KEYED = 0.5  # share of frames in which descendants move while a joint is held on purpose
 FLAT = 0.5  # s: a limb whose numbers are constant for this long, while the trunk turns, was not tracked
 _ITEM = re.compile(r"(?P<name>.+?)(?P<below>\+?)(?:\s*:\s*(?P<first>\d+)\s*-\s*(?P<last>\d+))?")
-_RANGE = re.compile(r"(\s*:[^:A-Za-z]*\d[^:A-Za-z]*)+$")  # numbers after a colon that are no range
+_RANGE = re.compile(r"(\s*:\s*-?\d[^:]*)+$")  # numbers after a colon that are no range
 _BETWEEN = re.compile(r"[^\w:]+")  # between words: blanks, points, dashes …
 _SIDES = ("left", "right")
 # Joints whose numbers are never constant while the body moves. Knees at their stop, toes, fingers and collars may rest.
@@ -168,7 +168,8 @@ def _joint(name: str, joints: Sequence[str], ours: Mapping[str, int]) -> int:
         raise BodysenseError(
             f"missing {name!r}: {' or '.join(joints[k] for k in sorted(meant))} may be meant; give one of these"
         )
-    raise BodysenseError(f"missing {name!r}: the motion has no such joint; valid are {', '.join(joints)}")
+    valid = list(dict.fromkeys([*joints, *ours]))
+    raise BodysenseError(f"missing {name!r}: the motion has no such joint; {unknown_name(name, valid)}")
 
 
 def _plain(name: str) -> str:

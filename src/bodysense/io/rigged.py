@@ -15,6 +15,7 @@ import numpy as np
 
 from bodysense.body.person import TALLEST
 from bodysense.body.pose import Pose
+from bodysense.body.shape import stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes
@@ -212,9 +213,11 @@ def rigged_of(file: JointFile, options: ReadingOptions = AS_FOUND, *, must_stand
     figure = _chosen(file, options)
     rig = _recognised(file, figure, options)
     clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
-    clip = checked(clip, rig.warnings, rig.joints.keys())
+    clip = checked(clip, rig.warnings, rig.joints.keys(), options)
+    height = float(stature(clip.pose.skeleton.rest_offset))
+    rig = replace(rig, height=height)
     if options.height is not None:
-        scale = options.height / clip.pose.skeleton.height
+        scale = options.height / height
         rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)
         clip = at_height(clip, options.height)
     return Rigged(file, figure, rig, clip, options.left_handed)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodysense.body.hands.hand import glove_marker
-from bodysense.body.skeleton import Skeleton
-from bodysense.errors import BodysenseError
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.errors import BodysenseError, did_you_mean
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -155,10 +155,10 @@ def observe(
         unit: of the positions, 'm', 'cm', 'mm', 'in', 'ft' or metres as '0.0254'; metres if omitted.
         up: upward axis of the world, such as 'z'; 'y' if omitted.
 
-    Raises BodysenseError for invalid positions or rotations, and, unless `unit` is given, for a body that appears to be
-    in another unit.
+    Raises BodysenseError for unknown points, invalid positions and rotations, and, unless `unit` is given, for a body
+    that appears to be in another unit.
     """
-
+    _check_points(tuple(poses))
     plain = None if unit is not None or up is not None else _plain_frame(time, poses, accuracy)
     if plain is not None:
         return plain
@@ -228,6 +228,16 @@ def _plain_frame(time: float, poses: Mapping[str, Any], accuracy: float | None) 
         whole[7 * count : 8 * count].reshape(1, count),
         whole[8 * count :],
     )
+
+
+@lru_cache(maxsize=64)
+def _check_points(points: tuple[str, ...]) -> None:
+    """Raise BodysenseError for a name that is no point of a body, no device's and no marker of a glove."""
+    valid = (*default_skeleton().points, *RAW_POINTS)
+    for name in points:
+        if name not in valid and not (isinstance(name, str) and glove_marker(name)):
+            known = "points are those of bs.default_skeleton().points, headset, left_controller and right_controller"
+            raise BodysenseError(f"observe: unknown point {name!r}; {did_you_mean(str(name), valid) or known}")
 
 
 @lru_cache(maxsize=64)

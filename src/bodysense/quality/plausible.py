@@ -33,7 +33,9 @@ class Doubt:
     text: str
 
 
-def doubts_about(place: Places, later: Places, moment: float, rate: float) -> list[Doubt]:
+def doubts_about(
+    place: Places, later: Places, moment: float, rate: float, *, unit: str | None = None, left_handed: bool = False
+) -> list[Doubt]:
     """Return the doubts about a body, worst first.
 
     Args:
@@ -41,18 +43,31 @@ def doubts_about(place: Places, later: Places, moment: float, rate: float) -> li
         later: the same a moment later.
         moment: that moment, s.
         rate: frames a second.
+        unit: the unit that was given for the file, if one was.
+        left_handed: whether its axes were given as left-handed.
     """
-    found = [flat_doubt(place), _speed(place, later, moment), _mirrored(place), _rate(rate), _size(place)]
+    mirrored, size = _mirrored(place, left_handed), _size(place, unit)
+    found = [flat_doubt(place), _speed(place, later, moment), mirrored, _rate(rate), size]
     return [doubt for doubt in found if doubt is not None]
 
 
-def floor_doubt(floor: float) -> Doubt | None:
-    """Return a doubt about feet that stand at a height (m) far from 0."""
+def floor_doubt(floor: float, unit: str | None = None) -> Doubt | None:
+    """Return a doubt about feet that stand at a height (m) far from 0; `unit` is the one that was given, if any."""
     if abs(floor) <= FLOOR:
         return None
-    return Doubt(
-        "floor", f"its feet stand at y = {floor:.3g} m, far from 0: if the unit is wrong, give --unit cm or mm"
-    )
+    return Doubt("floor", f"its feet stand at y = {floor:.3g} m, far from 0: if the unit is wrong, {unit_fix(unit)}")
+
+
+def unit_fix(unit: str | None) -> str:
+    """Return the fix for a file in a wrong unit: another than the one that was given, if one was."""
+    return "give --unit cm or mm" if unit is None else f"leave --unit {unit} out, or give another"
+
+
+def mirror_fix(left_handed: bool, names: str = "names") -> str:
+    """Return the fix for a body or a hand in a mirror, by whether its axes were given as left-handed."""
+    if left_handed:
+        return f"leave --left-handed out; otherwise the {names} take left for right"
+    return f"if the axes are left-handed (Unity, Unreal), give --left-handed; otherwise the {names} take left for right"
 
 
 def facing(place: Places) -> tuple[float, float]:
@@ -85,17 +100,13 @@ def _mean(values: list[np.ndarray], share: float) -> float:
     return float(finite.mean()) if finite.size > share * known.size else float("nan")
 
 
-def _mirrored(place: Places) -> Doubt | None:
+def _mirrored(place: Places, left_handed: bool) -> Doubt | None:
     feet, knees = facing(place)
     # Feet and knees agree, or one is unknown.
     if not (feet < -_TURNED or knees < -_TURNED) or feet > 0 or knees > 0:
         return None
     parts = " and ".join(name for name, value in (("feet point", feet), ("knees bend", knees)) if value < 0)
-    return Doubt(
-        "mirror",
-        f"its {parts} backward, as of a body in a mirror: if the axes are left-handed (Unity, Unreal), give "
-        "--left-handed; otherwise the names take left for right",
-    )
+    return Doubt("mirror", f"its {parts} backward, as of a body in a mirror: {mirror_fix(left_handed)}")
 
 
 def flat_doubt(place: Places) -> Doubt | None:
@@ -133,7 +144,7 @@ def _rate(rate: float) -> Doubt | None:
     return Doubt("rate", f"its rate of {rate:.3g} frames a second is unlike a motion's; see that it is right")
 
 
-def _size(place: Places) -> Doubt | None:
+def _size(place: Places, unit: str | None) -> Doubt | None:
     chains = [("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist")]
     usual = {"hip": 0.85, "shoulder": 0.52}  # m: of an adult of 1.7 m
     sizes = []
@@ -148,7 +159,7 @@ def _size(place: Places) -> Doubt | None:
     height = float(np.median(sizes)) if sizes else 1.7
     if SIZES[0] <= height <= SIZES[1]:
         return None
-    return Doubt("size", f"the body is about {height:.3g} m tall; give its unit, --unit cm or mm, or its --height")
+    return Doubt("size", f"the body is about {height:.3g} m tall; {unit_fix(unit)}, or give its --height")
 
 
 def _cosine(a: np.ndarray, b: np.ndarray) -> np.ndarray:

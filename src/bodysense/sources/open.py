@@ -301,7 +301,7 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
     if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate, options)
         told = replace(options, unit=None, up=None, figure=None)
-        clip = checked(apply_options(clip, told, "results of SMPL", "y"))
+        clip = checked(apply_options(clip, told, "results of SMPL", "y"), options=options)
         return clip, tuple(f"note: {remark}" for remark in remarks)
     if path.suffix.lower() in _GLTF:
         from bodysense.io.formats.gltf.motion import read_gltf
@@ -311,8 +311,9 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
             f"note: {remark}" for remark in remarks
         )
     clip, placement = read_amass_source(MotionEntry(path, person="", split="test"), options)
-    far = floor_doubt(0.0 if placement is None else placement.floor)
-    return checked(clip, [] if far is None else [far.text]), () if placement is None else (f"note: {placement.remark}",)
+    far = floor_doubt(0.0 if placement is None else placement.floor, options.unit)
+    clip = checked(clip, [] if far is None else [far.text], options=options)
+    return clip, () if placement is None else (f"note: {placement.remark}",)
 
 
 def _still_limbs(rigged: Rigged) -> HeldStill:

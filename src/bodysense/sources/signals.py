@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from bodysense.body.hands.hand import glove_hands
-from bodysense.body.person import Person
+from bodysense.body.person import SHORTEST, TALLEST, Person
+from bodysense.body.shape import stature
 from bodysense.devices.simulated.device import DEVICES, Device, simulate
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.recording import Recording
 from bodysense.observing.observation import RAW_POINTS, Observation, check_observation, concatenated_frames
 from bodysense.observing.raw_poses import with_joints
+from bodysense.quality.plausible import unit_fix
 from bodysense.sources.open import MotionSource, Opened, VideoSource
 
 if TYPE_CHECKING:
@@ -54,6 +56,7 @@ def signal_from(
                 f"headset_camera; valid are {', '.join(DEVICES)}"
             )
         recording = Recording(simulate(opened.clip, device, noise), opened.clip.pose.skeleton)
+        _check_size(opened)
     else:
         refuse(name, "a recording, not a motion", device=device, noise=noise)
         recording = opened.recording
@@ -61,6 +64,16 @@ def signal_from(
         return _recording_signal(name, recording, person, height)
     except BodysenseError as error:
         raise BodysenseError(f"{name}: {str(error).removeprefix('observation: ')}") from None
+
+
+def _check_size(opened: MotionSource) -> None:
+    """Raise BodysenseError for a motion whose body is not as tall as a person."""
+    height = stature(opened.clip.pose.skeleton.rest_offset)
+    if not SHORTEST <= height <= TALLEST:
+        raise BodysenseError(
+            f"{opened.name}: the body is {height:.3g} m tall, and people are {SHORTEST:g} to {TALLEST:g} m; "
+            f"{unit_fix(opened.options.unit)}, or give its --height"
+        )
 
 
 def _recording_signal(name: str, recording: Recording, person: Person | None, height: float | None) -> Signal:

@@ -10,7 +10,7 @@ import numpy as np
 
 from bodysense.body.hands.hand import hand_pose
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, unknown_name
 from bodysense.io.clip import Clip
 from bodysense.observing.observation import Observation, check_observation, joined_points
 
@@ -121,7 +121,7 @@ def simulate(clip: Clip, device: str | Device, noise: int | None = None) -> Obse
         raise BodysenseError(f"simulate: {brief(clip)} is no motion; give a Clip, as read('walk.bvh') returns")
     if isinstance(device, str):
         if device not in _BY_NAME:
-            raise BodysenseError(f"unknown device {device!r}; valid are {', '.join(DEVICES)}")
+            raise BodysenseError(f"unknown device {device!r}; {unknown_name(device, DEVICES)}")
         device = _BY_NAME[device]
     if not callable(getattr(device, "observe", None)):
         raise BodysenseError(

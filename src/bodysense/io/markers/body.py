@@ -40,7 +40,7 @@ from bodysense.observing.world import (
     told_warning,
 )
 from bodysense.observing.world_axes import TURNS, UpAxis
-from bodysense.quality.plausible import doubts_about, flat_doubt
+from bodysense.quality.plausible import doubts_about, flat_doubt, mirror_fix
 
 SIZES = (0.55, 1.45)  # of an adult's size: range of a person's
 SEEN = 0.1  # share of the frames in which a marker must be seen
@@ -85,8 +85,8 @@ def body_of(
     rotations = _bones(raw, known, here, places, remarks)
     with np.errstate(invalid="ignore"):
         frames = _frames(markers, places)
-        _check_mirror(markers, places, frames, place)
-        alarms += _check_body(places, accuracy, raw.frame_rate, place)
+        _check_mirror(markers, places, frames, place, form.left_handed)
+        alarms += _check_body(places, accuracy, raw.frame_rate, place, form)
         if _is_between_hips(places, accuracy, size):
             del accuracy["pelvis"]
             remarks.append("the pelvis is left out: it is the middle of the hips, and ours is 9 cm over it")
@@ -268,15 +268,14 @@ def _turned_upright(
     return raw, []
 
 
-def _check_body(places: Places, joints: Collection[str], rate: float, place: str) -> list[str]:
+def _check_body(places: Places, joints: Collection[str], rate: float, place: str, form: MarkerFormat) -> list[str]:
     """Return warnings about a body unlike a person's. Raises BodysenseError for a body in a mirror."""
     names = [name for name in joints if name in BODY or name.endswith("_toe")]
     if not names:
         return []
     first, later, moment = moments(len(places[names[0]]), rate)
-    found = doubts_about(
-        {name: places[name][first] for name in names}, {name: places[name][later] for name in names}, moment, rate
-    )
+    one, other = ({name: places[name][frames] for name in names} for frames in (first, later))
+    found = doubts_about(one, other, moment, rate, unit=form.unit, left_handed=form.left_handed)
     for doubt in found:
         if doubt.kind == "mirror":
             raise BodysenseError(f"{place}: the body is a body only in a mirror: {doubt.text} (--names)")
@@ -365,7 +364,9 @@ def _is_between_hips(places: Places, accuracy: Collection[str], size: float) -> 
     return bool(np.isfinite(apart).any() and np.nanmedian(apart) < BETWEEN * size)
 
 
-def _check_mirror(markers: MarkerSet, places: Places, frames: Mapping[str, np.ndarray], place: str) -> None:
+def _check_mirror(
+    markers: MarkerSet, places: Places, frames: Mapping[str, np.ndarray], place: str, left_handed: bool
+) -> None:
     """Refuse a body whose pelvis is upside down while it stands: sides are swapped, or the world is mirrored."""
     pelvis = next((frame for frame in markers.frames if frame.name == "pelvis" and frame.name in frames), None)
     ends = [[places[name] for name in names if name in places] for names in (markers.low, markers.high)]
@@ -375,8 +376,7 @@ def _check_mirror(markers: MarkerSet, places: Places, frames: Mapping[str, np.nd
     upright = (frames["pelvis"][..., 1] * (high - low)).sum(axis=-1)
     if np.isfinite(upright).any() and np.nanmedian(upright) < 0:
         raise BodysenseError(
-            f"{place}: the body is a body only in a mirror: if the axes are left-handed (Unity, Unreal), give "
-            "--left-handed; otherwise the labels take left for right (--names)"
+            f"{place}: the body is a body only in a mirror: {mirror_fix(left_handed, 'labels')} (--names)"
         )
 
 

@@ -16,6 +16,7 @@ from bodysense.errors import BodysenseError
 from bodysense.geometry.registration import register
 from bodysense.io.markers.raw_markers import METRES, Unit
 from bodysense.observing.observation import Observation
+from bodysense.quality.plausible import mirror_fix
 
 FRAMES = 40  # at most, spread over the recording, that are checked
 FEWEST = 7  # markers in a frame, the three on the back of the hand among them
@@ -35,8 +36,8 @@ class GloveCheck:
     remarks: tuple[str, ...]  # one sentence for each doubt
 
 
-def check_gloves(observation: Observation, place: str, unit: Unit = "m") -> GloveCheck:
-    """Check every glove of a recording (T frames), which was read as being in `unit`s.
+def check_gloves(observation: Observation, place: str, unit: Unit = "m", *, left_handed: bool = False) -> GloveCheck:
+    """Check every glove of a recording (T frames), which was read as being in `unit`s, with left-handed axes or not.
 
     A hand that is never seen well enough (`FEWEST`) is skipped with a remark. Raises BodysenseError, with the fix,
     for a hand of impossible size and for a hand that is mirrored.
@@ -63,8 +64,8 @@ def check_gloves(observation: Observation, place: str, unit: Unit = "m") -> Glov
         sizes[hand] = _size(seen)
     if mirrored:
         raise BodysenseError(
-            f"{place}: the {' and the '.join(mirrored)} glove looks like a hand only in a mirror: if the axes are "
-            "left-handed (Unity, Unreal), give --left-handed; otherwise the names take left for right (--names)"
+            f"{place}: the {' and the '.join(mirrored)} glove looks like a hand only in a mirror: "
+            f"{mirror_fix(left_handed)} (--names)"
         )
     return GloveCheck(sizes, tuple(remarks))
 

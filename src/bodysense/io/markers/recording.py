@@ -119,7 +119,7 @@ def _gloves(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
     observation, remarks = observed_markers(raw, form, place)
     check_observation(observation, place, farthest=_FARTHEST)
     unit: Unit = form.unit or raw.unit
-    check = check_gloves(observation, place, unit)
+    check = check_gloves(observation, place, unit, left_handed=form.left_handed)
     check_observation(observation, place)
     world = world_of(raw, form)
     return MarkerRecording(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from bodysense.body.skeleton import FINGERS, Skeleton
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, unknown_name
 from bodysense.io.clip import Clip
 from bodysense.io.formats.gltf.humanoid import VRM_BONES, check_humanoid, t_posed
 
@@ -180,7 +180,7 @@ def check_rig(path: Path, rig: str | Path, source: Path | None) -> None:
         if not Path(rig).is_file():
             raise BodysenseError(f"--rig {rig}: no such file; give a BVH or FBX file, or one of {', '.join(RIGS)}")
     elif rig not in RIGS:
-        raise BodysenseError(f"unknown rig {str(rig)!r}; valid are {', '.join(RIGS)}, or a BVH or FBX file")
+        raise BodysenseError(f"unknown rig {str(rig)!r}; {unknown_name(str(rig), (*RIGS, 'a BVH or FBX file'))}")
     named = [name for name in RIGS if name != SOURCE]
     if rig == SOURCE and source is None:
         raise BodysenseError(
