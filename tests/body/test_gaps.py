@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.body.gaps import Trust, fill, interpolate, interpolate_positions, runs
+from bodysense.geometry.gaps import Trust, fill, interpolate, interpolate_positions, runs
 from bodysense.geometry.rotation import (
     geodesic_angle,
     quaternion_canonical,

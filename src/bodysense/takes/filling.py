@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.body import gaps
 from bodysense.body.coordination import ROOT, coordination, deviations
 from bodysense.body.footing import side_clearance, stop_sliding
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.reach import reach
 from bodysense.body.skeleton import BODY, LEG
 from bodysense.errors import BodysenseError
+from bodysense.geometry import gaps
 from bodysense.geometry.rotation import (
     quaternion_canonical,
     quaternion_conjugate,

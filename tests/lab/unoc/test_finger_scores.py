@@ -18,10 +18,10 @@ from bodysense.body.resting import hand_length
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.papers.point_model import load_point_model
 from bodysense_lab.data.clips import open_clips
 from bodysense_lab.data.datasets import Census, DataSet, census_of, gather_results
 from bodysense_lab.papers.unoc.learned_upper_body import LearnedUpperBody, load_upper_body
+from bodysense_lab.papers.unoc.point_model import load_point_model
 from bodysense_lab.papers.unoc.score.finger_scores import (
     METHODS,
     Examples,

@@ -18,7 +18,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observing.observation import Observation
-from bodysense.papers.target_ik import MEASURED_ERROR
+from bodysense_lab.papers.ik.target_ik import MEASURED_ERROR
 from bodysense_lab.papers.unoc.learned import Learned, LearnedState, load_model
 
 SKELETON = default_skeleton()

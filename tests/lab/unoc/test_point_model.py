@@ -21,9 +21,9 @@ from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observing.observation import Observation
-from bodysense.papers.fingers import FingerSynthesis, finger_rotations, synthesize
-from bodysense.papers.point_model import PointModel, load_point_model
+from bodysense_lab.papers.unoc.fingers import FingerSynthesis, finger_rotations, synthesize
 from bodysense_lab.papers.unoc.learned_upper_body import LEG_ERROR, LearnedUpperBody, fitted_arms, load_upper_body
+from bodysense_lab.papers.unoc.point_model import PointModel, load_point_model
 
 SKELETON = default_skeleton()
 FINGER = np.flatnonzero(SKELETON.wrist_of >= 0)

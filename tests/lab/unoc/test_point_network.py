@@ -15,7 +15,6 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
-from bodysense.papers.point_model import WARM_UP, PointRunner, Task, load_point_model
 from bodysense_lab.papers.unoc.network.export import write_point_network
 from bodysense_lab.papers.unoc.network.point_network import (
     FINGERS,
@@ -27,6 +26,7 @@ from bodysense_lab.papers.unoc.network.point_network import (
     TrackedPoints,
     bones,
 )
+from bodysense_lab.papers.unoc.point_model import WARM_UP, PointRunner, Task, load_point_model
 from bodysense_lab.papers.unoc.sequences.point_sequences import tracked_of
 
 SKELETON = default_skeleton()

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from bodysense.body.ik import IkSettings, InverseKinematics, solve_sequence
 from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
@@ -25,6 +24,7 @@ from bodysense_lab.core.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.core.table import Cell, Report, bound_cells, cell, finite, ordering
 from bodysense_lab.core.tallies import Tallies
 from bodysense_lab.data.datasets import Census, DataSet, census_of, describe_data
+from bodysense_lab.papers.ik.ik import IkSettings, InverseKinematics, solve_sequence
 from bodysense_lab.papers.pahmt.errors import EVERY, table_errors
 from bodysense_lab.papers.pahmt.features import window_of
 from bodysense_lab.papers.pahmt.network import ArmNetwork, read_arms

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.normal_equations import NormalEquations
 from bodysense.body.pose import Pose
 from bodysense.body.posture import posture
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.products import ACROSS, CONJUGATE, LEFT, MATRIX, TANGENT
 from bodysense.geometry.rotation import matrix_to_quaternion
+from bodysense_lab.papers.ik.normal_equations import NormalEquations
 
 _HALF_LEFT = LEFT[1:] / 2
 _NO_JOINT, _NOTHING = np.zeros(0, dtype=np.intp), np.zeros((0, 4, 4))

@@ -13,7 +13,6 @@ import pytest
 from scipy.optimize import least_squares
 
 from bodysense.body.body_joints import body_skeleton
-from bodysense.body.ik import IkSettings, IkState, InverseKinematics, solve_sequence
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.posture import posture
 from bodysense.body.skeleton import Skeleton, default_skeleton
@@ -27,6 +26,7 @@ from bodysense.geometry.rotation import (
 )
 from bodysense.io.clip import Clip
 from bodysense.sources.reading import read
+from bodysense_lab.papers.ik.ik import IkSettings, IkState, InverseKinematics, solve_sequence
 
 BODY = default_skeleton()
 IK = InverseKinematics(BODY)

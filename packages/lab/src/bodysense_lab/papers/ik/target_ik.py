@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from bodysense.body.ik import IkSettings, InverseKinematics
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.geometry.products import world_rotation
 from bodysense.observing.observation import Observation, observed_points
+from bodysense_lab.papers.ik.ik import IkSettings, InverseKinematics
 
 MEASURED_ERROR = 0.002  # m: expected error of a tracked point
 HEAD_WEIGHT = 0.05  # m²/rad²: weight of a measured rotation in IK

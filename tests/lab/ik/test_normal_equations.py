@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.body.normal_equations import NormalEquations
 from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense_lab.papers.ik.normal_equations import NormalEquations
 
 
 def chain(length: int) -> Skeleton:

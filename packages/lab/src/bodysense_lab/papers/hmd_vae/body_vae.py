@@ -26,9 +26,9 @@ from bodysense.geometry.rotation import (
     slerp,
 )
 from bodysense.observing.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
-from bodysense.papers.point_model import HeadAndHands
-from bodysense.papers.target_ik import MEASURED_ERROR
 from bodysense.weights.network import Network, NetworkFormat
+from bodysense_lab.papers.ik.target_ik import MEASURED_ERROR
+from bodysense_lab.papers.unoc.point_model import HeadAndHands
 
 FORMAT = "bodysense body vae 1"
 NETWORK = NetworkFormat(
