@@ -124,7 +124,7 @@ def test_the_log_of_a_sweep_has_the_pace_of_each_network(
     jobs: int, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.delenv("FORCE_COLOR", raising=False)
-    monkeypatch.syspath_prepend(Path(__file__).parents[2])  # so that worker processes can import `small`
+    monkeypatch.syspath_prepend(Path(__file__).parents[3])  # so that worker processes can import `small`
     sweep.sweep({"a": 4, "b": 4}, partial(small, tmp_path), lambda name: False, tmp_path, jobs)
     output = capfd.readouterr().out
     for name in "ab":

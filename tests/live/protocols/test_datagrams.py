@@ -23,7 +23,7 @@ from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.settings import ServerSettings
 from bodysense_live.sessions.tracked_devices import SIGNALS
 
-from .conftest import Connecting, Serving, free_port, signal
+from ..conftest import Connecting, Serving, free_port, signal
 
 
 def test_poses_are_sent_to_an_avatar(server_of: Serving, connect: Connecting) -> None:

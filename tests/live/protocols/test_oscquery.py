@@ -32,7 +32,7 @@ from bodysense_live.server.messages import Calibrate, Recentre
 from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.settings import ServerSettings
 
-from .conftest import Connecting, Serving
+from ..conftest import Connecting, Serving
 
 SERVICE = OscService("bodysense-1", "127.0.0.1", 9999, ACCEPTED_ADDRESSES)
 

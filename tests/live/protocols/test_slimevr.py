@@ -33,7 +33,7 @@ from bodysense_live.server.settings import ServerSettings
 from bodysense_live.sessions.inertial import FACING, IMUS, InertialSensors, calibrate_sensors
 from bodysense_live.sessions.session import Session
 
-from .conftest import Connecting, Serving, free_port
+from ..conftest import Connecting, Serving, free_port
 
 SKELETON = default_skeleton()
 HERE = ("127.0.0.1", 50000)

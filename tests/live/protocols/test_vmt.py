@@ -27,7 +27,7 @@ from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.settings import ServerSettings
 from bodysense_live.sessions.tracked_devices import SIGNALS, TrackedDevices
 
-from .conftest import Serving
+from ..conftest import Serving
 
 SKELETON = default_skeleton()
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

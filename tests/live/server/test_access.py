@@ -29,7 +29,7 @@ from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.session import Session
 
-from .conftest import DEVICES, Address, Connecting, Serving, signal
+from ..conftest import DEVICES, Address, Connecting, Serving, signal
 
 
 def test_a_certificate_is_created_once_for_its_addresses(tmp_path: Path) -> None:

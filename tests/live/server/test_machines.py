@@ -25,10 +25,10 @@ from bodysense_live.server.message_text import write_message
 from bodysense_live.server.messages import Calibrate, Hello, Resume, Settings
 from bodysense_live.sessions.tracked_devices import SIGNALS
 
-from .conftest import storing
-from .test_worn_trackers import SKELETON, STRAPPED, frames
+from ..conftest import storing
+from ..sessions.test_worn_trackers import SKELETON, STRAPPED, frames
 
-DEPLOY = Path(__file__).parents[2] / "extras" / "deploy"
+DEPLOY = Path(__file__).parents[3] / "extras" / "deploy"
 NETWORK, TOKEN = "10.231.77", "a-token-of-this-test"
 PROXY, STORE, SERVER = 8080, 6379, 8765  # ports
 RATE, WEARERS = 30, 4

@@ -22,7 +22,7 @@ from bodysense_live.sessions.answer import CompletionJob
 from bodysense_live.sessions.estimation import PipelineState, step_many
 from bodysense_live.sessions.newest_frames import SKIPPED, NewestFrames
 
-from .conftest import DEVICES, Address, Connecting, Serving, signal
+from ..conftest import DEVICES, Address, Connecting, Serving, signal
 
 RATE, SECONDS = 8.0, 5.0  # Hz, s
 LOADS = ((5, 4.0), (20, 2.0))  # number of wearers, load as a multiple of the capacity

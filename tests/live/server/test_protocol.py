@@ -29,7 +29,7 @@ from bodysense.io.formats.protocol import (
 )
 from bodysense_live.protocols.webxr import Placement, point_mapping, to_observation
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def random_signal(seed: int, count: int) -> SignalFrame:

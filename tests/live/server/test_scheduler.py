@@ -16,7 +16,7 @@ from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.estimation import step_many
 from bodysense_live.sessions.session import Session
 
-from .conftest import DEVICES, signal
+from ..conftest import DEVICES, signal
 
 
 @dataclass(eq=False)

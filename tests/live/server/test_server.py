@@ -33,7 +33,7 @@ from bodysense_live.server.messages import (
 from bodysense_live.server.settings import ServerSettings
 from bodysense_live.sessions.replay import Playable
 
-from .conftest import DEVICES, Address, Client, Connecting, Serving, signal
+from ..conftest import DEVICES, Address, Client, Connecting, Serving, signal
 
 
 def stream(client: Client, frames: int, start: int = 0) -> list[float]:

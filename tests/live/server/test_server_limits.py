@@ -18,7 +18,7 @@ from bodysense_live.server.message_text import write_message
 from bodysense_live.server.messages import Hello
 from bodysense_live.server.settings import ServerSettings
 
-from .conftest import DEVICES, Address, Connecting, Serving, signal
+from ..conftest import DEVICES, Address, Connecting, Serving, signal
 
 
 def closed(client: Any) -> tuple[int, str]:

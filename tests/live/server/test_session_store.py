@@ -20,8 +20,8 @@ from bodysense_live.server.messages import Resume, Settings, UpdateSettings
 from bodysense_live.server.session_store import SessionStore, StoredSession, check_store
 from bodysense_live.server.settings import ServerSettings
 
-from ..conftest import Refused
-from .conftest import Address, Connecting, Serving, free_port, signal, storing
+from ...conftest import Refused
+from ..conftest import Address, Connecting, Serving, free_port, signal, storing
 
 IDENTITY = 16 * "a"
 MOUNT = RigidTransform(np.array([0.0, 0.1, 0.02]), np.array([0.6, 0.8, 0.0, 0.0]))

@@ -22,7 +22,7 @@ from bodysense_live.server.supervisor import Supervisor
 from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.session import Session
 
-from .conftest import DEVICES, Address, Connecting, Serving, signal
+from ..conftest import DEVICES, Address, Connecting, Serving, signal
 from .test_scheduler import Wearer
 
 

@@ -32,8 +32,8 @@ from bodysense_live.server.message_text import write_message
 from bodysense_live.server.messages import Hello, Recentre, Resume, Settings
 from bodysense_live.server.settings import ServerSettings
 
-from .conftest import DEVICES
-from .conftest import signal as signal_frame
+from ..conftest import DEVICES
+from ..conftest import signal as signal_frame
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "send_fds"), reason="this system hands no connection over")
 

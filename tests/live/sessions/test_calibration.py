@@ -22,7 +22,7 @@ from bodysense_live.server.messages import Calibrate, Recentre
 from bodysense_live.server.settings import ServerSettings
 from bodysense_live.sessions.worn_trackers import read_trackers
 
-from .conftest import Serving, free_port
+from ..conftest import Serving, free_port
 from .test_worn_trackers import STRAPPED
 
 SKELETON = default_skeleton()

@@ -26,7 +26,7 @@ from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.recorder import LONGEST_GAP, RATE, Recorder, mend_recordings
 from bodysense_live.sessions.session import Session
 
-from .conftest import DEVICES, Client, Connecting, Serving, signal
+from ..conftest import DEVICES, Client, Connecting, Serving, signal
 
 OPERATIONS = ("write", "seek", "truncate", "close")
 ERRORS = (errno.ENOSPC, errno.EIO, errno.EDQUOT, errno.EROFS, errno.ESTALE)
@@ -320,6 +320,6 @@ def test_a_killed_server_leaves_what_was_recorded(tmp_path: Path) -> None:
         "one.write(answers()[:64]); one.write(answers()[64:128])\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False, cwd=Path(__file__).parents[2])
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False, cwd=Path(__file__).parents[3])
     (file,) = tmp_path.iterdir()
     assert not file.name.startswith(".") and len(read_bvh(file)) == 128

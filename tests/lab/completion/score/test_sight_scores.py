@@ -32,7 +32,7 @@ from bodysense_lab.completion.score.tracking import TrackedMotion, track_people
 from bodysense_lab.completion.score.worst import draw_worst, worst_frames
 from bodysense_lab.core.scoring import RATE
 
-from .conftest import Oracle
+from ..conftest import Oracle
 
 SMALL = CompletionSettings(sets=("three_point", "headset_camera"), edges=0)
 

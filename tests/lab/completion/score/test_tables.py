@@ -40,7 +40,7 @@ from bodysense_lab.core.parallel import parallel_map
 from bodysense_lab.core.scoring import scored_points, suffix_of
 from bodysense_lab.data.datasets import Census, DataSet
 
-from .conftest import Oracle
+from ..conftest import Oracle
 
 SMALL = CompletionSettings(sets=("three_point", "headset_camera"), edges=0)
 
