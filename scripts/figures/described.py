@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from tables import ROOT, Measured, put
-
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense_conform.table import Check, table
 from bodysense_lab.completion.training.options import TABLE_SETS
 from bodysense_lab.core.model_card import network_lines, parse_fields, read_network
+
+from .tables import ROOT, Measured, put
 
 WEIGHTS = "src/bodysense/weights"
 

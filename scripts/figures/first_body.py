@@ -1,6 +1,6 @@
 """Time the README's first commands on a machine with only Python, from `git clone` to a moving body.
 
-    python scripts/first_body.py [--json FIGURES/first-body.json] [--without-compiler]
+    python scripts/figures/first_body.py [--json FIGURES/first-body.json] [--without-compiler]
 
 Clones the last commit into a temporary folder and runs the README's first sh block there, in an environment of its
 own, twice: with an empty cache of pip, then without a network, from packages that were fetched between the two. The
@@ -24,7 +24,7 @@ from pathlib import Path
 
 from bodysense.cli.show import write_numbers
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 MADE = ("bodysense-demo/result.bvh", "bodysense-demo/demo.webp")  # a moving body, as a file and as pictures
 _OWN = ("PYTHONPATH", "VIRTUAL_ENV", "PIP_CONSTRAINT", "CC")  # variables that new users do not have
 

@@ -1,6 +1,6 @@
 """Estimate the processor hours of the trainings of docs/reproduce.md from two short runs of each, and time commands.
 
-    python scripts/measure_hours.py DATA FIGURES/hours.json [NAME …]
+    python scripts/figures/measure_hours.py DATA FIGURES/hours.json [NAME …]
 
 DATA is a folder of motion with fingers or a prepared store. The processor time between a run of few and one of more
 steps gives that of a step. Commands that need no data of yours run whole, on the packaged performance. A file that is

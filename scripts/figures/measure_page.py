@@ -1,7 +1,7 @@
 """Measure the page in headless Chromium: loaded bytes, time to a moving body, a webcam's body, headset sessions.
 
-    python scripts/measure_page.py FIGURES/page.json
-    python scripts/measure_page.py FIGURES/page-endurance.json      (ten minutes of a headset, on a quiet machine)
+    python scripts/figures/measure_page.py FIGURES/page.json
+    python scripts/figures/measure_page.py FIGURES/page-endurance.json    (ten minutes of a headset, on a quiet machine)
 
 Needs node, Chromium, `npm ci` in web/, `scripts/build_landmarkers.py` and `packages/lab[render]`.
 """
@@ -24,7 +24,7 @@ import numpy as np
 from bodysense.cli.show import write_numbers
 from bodysense_live.server.page_files import write_page
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 VISITS, MINUTES = 10, 10
 TIMES, MEMORY = ("p50", "p99", "worst"), ("heap", "process")
 TESTS = (  # each records its measurements

@@ -11,8 +11,6 @@ from inspect import signature
 from pathlib import Path
 from typing import Any
 
-from tables import ROOT, filled_line, weights_file
-
 from bodysense.body.arms import HAND_POINTS
 from bodysense.body.hands.glove import ALIGNMENT, MARKERS
 from bodysense.body.hands.hand import FREEDOMS
@@ -27,6 +25,8 @@ from bodysense_lab.papers.two_hands.task import PAPER_JOINT_SCHEDULE
 from bodysense_lab.papers.unoc.network.losses import LossWeights
 from bodysense_lab.papers.unoc.network.network import PAPER
 from bodysense_lab.papers.unoc.task import BodySchedule
+
+from .tables import ROOT, filled_line, weights_file
 
 PAGE = Path("docs") / "reproduce.md"
 COLUMN, HOURS_COLUMN = 3, 7  # of a row's cells: its figure, and the hours of its training

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 TEMPLATES = Path(__file__).with_name("tables.toml")
 WIDTH = 120  # characters of a line of prose
 _PLACE = re.compile(r"\{([^{}]+?)(?::([^{}:/']*))?\}")

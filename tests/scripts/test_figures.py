@@ -8,10 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-import rows
-import tables
-from described import DESCRIPTIONS, checks, network_card
-from tables import (
+from figures import rows, tables
+from figures.described import DESCRIPTIONS, checks, network_card
+from figures.tables import (
     ROOT,
     Block,
     Measured,
