@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.core.chart import BarPanel, Bars, Line, LinePanel, draw_bars, draw_panels, plain_bars
+from bodysense_lab.core.chart import BarPanel, Line, LinePanel, draw_panels, plain_bars
 
 
 def is_whole(path: Path) -> bool:
@@ -36,9 +36,3 @@ def test_panels_of_lines_are_drawn_with_and_without_bars(tmp_path: Path) -> None
     for panels in ([panel], [BarPanel("body", ("a",), (plain_bars("ours", [1.0]),), "cm"), panel]):
         draw_panels(tmp_path / "l.png", panels, "Table")
         assert is_whole(tmp_path / "l.png")
-
-
-def test_bars_with_errors_are_drawn(tmp_path: Path) -> None:
-    bars = Bars("x", np.array([0.3, -0.4]), np.array([0.1, np.nan]), ("*", "**"))
-    draw_bars(tmp_path / "b.png", ["scene", "all"], [bars], "title", "note")
-    assert is_whole(tmp_path / "b.png")
