@@ -57,10 +57,8 @@ def check(case: Case) -> None:
         twin.memory.hidden, twin.memory.hands = body, hands
         for name, most in (("confidence", DISTANCE), ("bound", DISTANCE), ("contact", CONTACT)):
             values = getattr(estimate, name)[0]
-            wide = {"rtol": 0, "atol": most}
-            if not twin.memory.advances:
-                wide = {"rtol": BOUND_SHARE, "atol": most * BETWEEN_ADVANCES}
-            np.testing.assert_allclose(getattr(own, name), values, **wide, err_msg=f"{name} of {what}")
+            share, off = (0.0, most) if twin.memory.advances else (BOUND_SHARE, most * BETWEEN_ADVANCES)
+            np.testing.assert_allclose(getattr(own, name), values, rtol=share, atol=off, err_msg=f"{name} of {what}")
         fingers = quaternion_to_matrix(estimate.pose.rotation[0, np.concatenate(HAND_JOINTS)])
         np.testing.assert_allclose(own.fingers, fingers, rtol=0, atol=FINGER_AXIS, err_msg=f"fingers of {what}")
 
