@@ -98,6 +98,7 @@ Live, with P processes and N sessions: 1 and 8; 2 and 8, 16, 24, 40.
     python scripts/figures/measure_page.py FIGURES/page.json
     python scripts/figures/measure_page.py FIGURES/page-endurance.json
     python scripts/build_image.py --json FIGURES/image.json
+    python scripts/build_packages.py --json FIGURES/packages.json
 """
 
 from __future__ import annotations

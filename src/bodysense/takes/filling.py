@@ -1,7 +1,7 @@
 """Motions with holes: known parts are observed, missing ones are completed, and the rest is bit-identical.
 
 Joints with known world rotation and position become exact points of an Observation, and the tracker completes the
-others. Its prediction fills the gaps (`body.gaps`) in the local rotations of joints, so bones keep their lengths.
+others. Its prediction fills the gaps (`geometry.gaps`) in the local rotations of joints, so bones keep their lengths.
 """
 
 from __future__ import annotations
