@@ -1,6 +1,7 @@
 /** A webcam: a person's landmarks, found in a worker, become points of the body. Nothing leaves this browser. */
 
-import { LandmarkPoints, type Landmarks } from "./landmarks";
+import type { Landmarks } from "./landmark_marks";
+import { LandmarkPoints } from "./landmarks";
 import { mixed, type Vector } from "../body/math";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
 import type { Live } from "../live";
@@ -130,7 +131,7 @@ class Webcam implements Source {
           };
     const passed = Math.min((milliseconds - this.before) / 1000, 1);
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
-    const points = found && this.calm && this.points.read(found, this.calm, this.live.tree, passed);
+    const points = found && this.calm && this.points.read(found, this.calm, this.live.tree, passed, milliseconds / 1000);
     if (!this.presence.look(points !== null, milliseconds)) this.small.say(NOBODY);
     if (!points) {
       if (milliseconds - this.lonely > 1000 * LONELY && !this.hasReported) {
