@@ -77,10 +77,7 @@ function upright(landmarks: Landmarks): Vector | null {
   );
   if (Math.min(...[shoulders, hips, knees, ankles].map(({ visible }) => visible)) < VISIBLE) return null;
   const up = unit(subtract(shoulders.middle, ankles.middle));
-  const bones = [0, 1].flatMap((k) => [
-    subtract(hips.both[k], knees.both[k]),
-    subtract(knees.both[k], ankles.both[k]),
-  ]);
+  const bones = [0, 1].flatMap((k) => [subtract(hips.both[k], knees.both[k]), subtract(knees.both[k], ankles.both[k])]);
   const trunk = scaled(add(subtract(shoulders.both[0], hips.both[0]), subtract(shoulders.both[1], hips.both[1])), 0.5);
   const straight = Math.min(...[...bones, trunk].map((bone) => dot(bone, up) / Math.max(size(bone), 1e-9)));
   const isLevel = Math.abs(tiltOf(up)) < STEEPEST && Math.abs(Math.atan2(up[0], up[1])) < MOST_ROLLED;

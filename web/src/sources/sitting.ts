@@ -103,7 +103,7 @@ function sit(laid: Laid, seen: Landmarks, at: Standpoint, skeleton: Skeleton, pr
   const across = subtract(laid.at("left_hip"), laid.at("right_hip"));
   const [x, , z] = rotate(room, [-across[2], 0, across[0]]);
   const ahead = unit([x, 0, z]);
-  const isSeen = probability >= KNEE_GUESSED;
+  const isSeen = probability >= (floor === null ? KNEE_GUESSED : KNEE_VISIBLE);
   const thighs = SIDES.map((side) => (isSeen ? thighOf(side, laid, seen, at, skeleton, ahead) : ahead));
   const length = size(subtract(rest("left_knee"), rest("left_hip")));
   const over = skeleton.restOffset[1] + (rest("left_knee")[1] + rest("right_knee")[1]) / 2; // m, knees over the floor

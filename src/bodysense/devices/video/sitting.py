@@ -104,7 +104,7 @@ def lay_legs(
     the floor's height over the camera's, m, if known.
     """
     probability = float(person.visible[0, _PAIRS["knee"]].min())
-    seen = probability >= _KNEE_GUESSED
+    seen = probability >= (_KNEE_GUESSED if floor is None else KNEE_VISIBLE)
     if probability < KNEE_VISIBLE and floor is not None:
         is_seated = (room @ place)[1] - floor < _STANDING * skeleton.rest_offset[0, 1]
     if not is_seated:
