@@ -49,13 +49,15 @@ class BodyLayout:
             rotation: (T, M, 4) wxyz of rigid bodies and bones, or None.
             time: (T,) s.
         """
-        places: Places = {name: self.world.to_ours(position[:, k]) for name, k in self.columns.items()}
+        ours = self.world.to_ours(position[:, list(self.columns.values())])
+        places: Places = {name: ours[:, k] for k, name in enumerate(self.columns)}
         with np.errstate(invalid="ignore"):
             add_centres(self.markers, places, self.size, self.lengths, self.mirrored)
             turned: dict[str, np.ndarray] = {}
             if self.turn is not None and rotation is not None:
                 turned = bone_rotations(self.markers, self.columns, rotation, self.turn)
-            turned |= segment_rotations(self.markers, segment_axes(self.markers, places, self.mirrored)[0], turned)
+            axes, _ = segment_axes(self.markers, places, self.mirrored)
+            turned |= segment_rotations(self.markers, axes, turned)
         return observed_points(time, places, turned, self.accuracy)
 
 

@@ -7,9 +7,11 @@ pelvis; shoulders by Rab et al. 2002 (Gait & Posture 15, 113-119), below the acr
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 
+from bodysense.geometry.products import cross
 from bodysense.geometry.rotation import matrix_to_quaternion, quaternion_exp, quaternion_to_matrix
 from bodysense.io.markers.marker_sets import Recipe, SegmentFrame
 
@@ -19,6 +21,7 @@ STRAIGHT, BENT = np.deg2rad(20.0), np.deg2rad(50.0)  # of a hinge: below STRAIGH
 
 Places = dict[str, np.ndarray]  # (T, 3) m of every marker and point, NaN where hidden
 Axes = Sequence[np.ndarray]  # (T, 3, 3) of the segments that a recipe names, columns left, up, forward
+Directions = tuple[tuple[str, tuple[str, ...], tuple[str, ...]], ...]  # `SegmentFrame.axes`
 Lengths = tuple[float, ...]  # m, constant lengths of a person that a recipe needs (`lengths_of`)
 
 
@@ -27,12 +30,27 @@ def axes_of(frame: SegmentFrame, places: Mapping[str, np.ndarray], mirrored: boo
 
     `mirrored`: its markers are on the other side of the body (`is_on_other_side`).
     """
-    if not frame.standing:
-        lift = -frame.lift if frame.name.startswith("right_") else frame.lift
-        standing = quaternion_to_matrix(quaternion_exp(np.deg2rad([frame.pitch, 0.0, lift])))
-        return _axes(frame, places) @ standing.T
+    is_right = frame.name.startswith("right_")
+    if frame.standing:
+        standing = _standing_axes(frame.axes, is_right, tuple(frame.standing.items()), mirrored)
+    else:
+        standing = _tilt(frame.pitch, -frame.lift if is_right else frame.lift)
+    return _axes(frame.axes, is_right, places) @ standing
+
+
+@lru_cache(maxsize=256)
+def _tilt(pitch: float, lift: float) -> np.ndarray:
+    """Return (3, 3): the axes of a standing body ← those of a segment, which differ by degrees."""
+    return quaternion_to_matrix(quaternion_exp(np.deg2rad([pitch, 0.0, lift]))).T
+
+
+@lru_cache(maxsize=256)
+def _standing_axes(
+    axes: Directions, is_right: bool, standing: tuple[tuple[str, tuple[float, float, float]], ...], mirrored: bool
+) -> np.ndarray:
+    """Return the same (3, 3) by the usual positions of a segment's markers on a standing body."""
     side = np.array([-1.0 if mirrored else 1.0, 1.0, 1.0])
-    return _axes(frame, places) @ _axes(frame, {name: side * place for name, place in frame.standing.items()}).T
+    return _axes(axes, is_right, {name: side * np.array(place) for name, place in standing}).T
 
 
 def is_on_other_side(frame: SegmentFrame, places: Mapping[str, np.ndarray], frames: Mapping[str, np.ndarray]) -> bool:
@@ -42,12 +60,12 @@ def is_on_other_side(frame: SegmentFrame, places: Mapping[str, np.ndarray], fram
     return bool(np.nanmedian(np.r_[_left_of(frame, places, frames[frame.either_side_of]), 0.0]) < 0)
 
 
-def _axes(frame: SegmentFrame, places: Mapping[str, np.ndarray]) -> np.ndarray:
+def _axes(rows: Directions, is_right: bool, places: Mapping[str, np.ndarray]) -> np.ndarray:
     """Return axes (..., 3, 3) from two directions between markers: the first is kept."""
     directions: list[tuple[int, np.ndarray]] = []
-    for axis, start, end in frame.axes:
+    for axis, start, end in rows:
         way = _mean(places, end) - _mean(places, start)
-        if axis == "out" and frame.name.startswith("right_"):
+        if axis == "out" and is_right:
             way = -way
         directions.append((AXES.index("left" if axis == "out" else axis), way))
     (first, kept), (second, other) = directions
@@ -55,8 +73,8 @@ def _axes(frame: SegmentFrame, places: Mapping[str, np.ndarray]) -> np.ndarray:
     sign = 1.0 if (first + 1) % 3 == second else -1.0
     axes = np.empty((*kept.shape[:-1], 3, 3))
     axes[..., first] = _unit(kept)
-    axes[..., third] = _unit(sign * np.cross(kept, other))
-    axes[..., second] = sign * np.cross(axes[..., third], axes[..., first])
+    axes[..., third] = _unit(sign * cross(kept, other))
+    axes[..., second] = sign * cross(axes[..., third], axes[..., first])
     return axes
 
 
@@ -121,7 +139,7 @@ def _hip(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float, leng
     left = axes[0][..., 0]
     ahead = front - np.mean(behind, axis=0)
     ahead = _unit(ahead - left * (ahead * left).sum(axis=-1, keepdims=True))
-    return front + _offset_in_world(np.stack([left, np.cross(ahead, left), ahead], axis=-1), offset, recipe.side)
+    return front + _offset_in_world(np.stack([left, cross(ahead, left), ahead], axis=-1), offset, recipe.side)
 
 
 def _shoulder(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float, lengths: Lengths) -> np.ndarray:
@@ -137,13 +155,13 @@ def _hinge(recipe: Recipe, at: Sequence[np.ndarray], axes: Axes, size: float, le
     """
     skin, above, below = at
     outward = recipe.side * (1.0 if recipe.bends == "forward" else -1.0)
+    along = _unit(below - above)
+    beside = recipe.side * sum(one[..., 0] for one in axes) if axes else skin - above
+    straight = _unit(beside - along * np.vecdot(beside, along)[..., None])
     centre = skin
     for _ in range(3):
-        along = _unit(below - above)
-        beside = recipe.side * np.sum([one[..., 0] for one in axes], axis=0) if axes else skin - above
-        straight = _unit(beside - along * (beside * along).sum(axis=-1, keepdims=True))
-        square = outward * _unit(np.cross(above - centre, below - centre))
-        bent = np.arccos(np.clip((_unit(centre - above) * _unit(below - centre)).sum(axis=-1), -1, 1))
+        square = outward * _unit(cross(above - centre, below - centre))
+        bent = np.arccos(np.clip(np.vecdot(_unit(centre - above), _unit(below - centre)), -1, 1))
         share = np.clip((bent - STRAIGHT) / (BENT - STRAIGHT), 0, 1)[:, None]
         centre = skin - size * recipe.depth * _unit(share * square + (1 - share) * straight)
     return centre
@@ -170,9 +188,14 @@ def _median_length(apart: np.ndarray) -> float:
 
 
 def _mean(places: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndarray:
-    return np.mean([places[name] for name in names], axis=0)
+    if len(names) == 1:
+        return places[names[0]]
+    total = places[names[0]] + places[names[1]]
+    for name in names[2:]:
+        total = total + places[name]
+    return total / len(names)
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
     with np.errstate(invalid="ignore", divide="ignore"):
-        return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+        return vector / np.sqrt(np.vecdot(vector, vector))[..., None]
