@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from virtual import LEGS, PLUG_IN_GAIT, SETS, raw_of
+from virtual_markers import LEGS, PLUG_IN_GAIT, SETS, raw_of
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.demo import performance_of_unseen_body
