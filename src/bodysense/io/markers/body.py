@@ -84,13 +84,13 @@ def body_of(
     unit, size = _unit(markers, file, raw, form, place, remarks)
     raw = replace(raw, unit=unit)
     places: Places = {name: convert_world(position, raw, form) for name, position in file.items()}
-    with np.errstate(invalid="ignore"):
-        accuracy, lengths = add_centres(markers, places, size)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        accuracy, lengths = add_centres(markers, places, segment_axes(markers, places).axes, size)
     raw, alarms = _turned_upright(raw, places, accuracy, size, form, place, remarks)
     floor = _lower_to_floor(markers, places, accuracy, form, remarks)
     rotations, turn = _bones(raw, known, here, places, remarks)
-    with np.errstate(invalid="ignore"):
-        frames, mirrored = segment_axes(markers, places)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        frames, _, mirrored = segment_axes(markers, places)
         _check_mirror(markers, places, frames, place)
         alarms += _check_body(places, accuracy, raw.frame_rate, place)
         if _is_between_hips(places, accuracy, size):

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,47 +52,63 @@ class BodyLayout:
         """
         ours = self.world.to_ours(position[:, list(self.columns.values())])
         places: Places = {name: ours[:, k] for k, name in enumerate(self.columns)}
-        with np.errstate(invalid="ignore"):
-            add_centres(self.markers, places, self.size, self.lengths, self.mirrored)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            segments = segment_axes(self.markers, places, self.mirrored)
+            add_centres(self.markers, places, segments.axes, self.size, self.lengths)
             turned: dict[str, np.ndarray] = {}
             if self.turn is not None and rotation is not None:
                 turned = bone_rotations(self.markers, self.columns, rotation, self.turn)
-            axes, _ = segment_axes(self.markers, places, self.mirrored)
-            turned |= segment_rotations(self.markers, axes, turned)
+            segments = segment_axes(self.markers, places, self.mirrored, segments)
+            turned |= segment_rotations(self.markers, segments.axes, turned)
         return observed_points(time, places, turned, self.accuracy)
 
 
+class Segments(NamedTuple):
+    """Axes of segments in some frames."""
+
+    axes: dict[str, np.ndarray]  # (T, 3, 3) by name
+    recipe: dict[str, int]  # index of the recipe of each
+    mirrored: frozenset[int]  # recipes whose markers are on the other side
+
+
 def segment_axes(
-    markers: MarkerSet, places: Places, mirrored: Collection[int] | None = None
-) -> tuple[dict[str, np.ndarray], frozenset[int]]:
+    markers: MarkerSet, places: Places, mirrored: Collection[int] | None = None, before: Segments | None = None
+) -> Segments:
     """Return the axes of every segment whose markers are present, by the first recipe that applies.
 
-    Also return the indices of segments whose markers are on the other side: `mirrored`, or found from these frames.
+    Args:
+        markers: the set.
+        places: (T, 3) m of markers and points.
+        mirrored: recipes whose markers are on the other side; found from these frames if omitted.
+        before: axes of the same frames with fewer points, which are kept where the recipe is the same.
     """
-    axes: dict[str, np.ndarray] = {}
+    axes, recipe = dict[str, np.ndarray](), dict[str, int]()
     found: set[int] = set() if mirrored is None else set(mirrored)
     for k, frame in enumerate(markers.frames):
         needed = [name for _, start, end in frame.axes for name in (*start, *end)]
         if frame.name in axes or not all(name in places for name in needed):
             continue
+        recipe[frame.name] = k
+        if before is not None and before.recipe.get(frame.name) == k:
+            axes[frame.name] = before.axes[frame.name]
+            continue
         if mirrored is None and is_on_other_side(frame, places, axes):
             found.add(k)
         axes[frame.name] = axes_of(frame, places, k in found)
-    return axes, frozenset(found)
+    return Segments(axes, recipe, frozenset(found))
 
 
 def add_centres(
     markers: MarkerSet,
     places: Places,
+    axes: Mapping[str, np.ndarray],
     size: float,
     lengths: Mapping[str, Lengths] | None = None,
-    mirrored: Collection[int] | None = None,
 ) -> tuple[dict[str, float], dict[str, Lengths]]:
     """Add the points that follow from the markers to `places`. Return their accuracy and lengths, m.
 
-    `lengths` and `mirrored` are found from these frames if omitted.
+    `axes` are those of segments (`segment_axes`); `lengths` are found from these frames if omitted.
     """
-    axes, _ = segment_axes(markers, places, mirrored)
     accuracy, found = dict[str, float](), dict[str, Lengths]()
     for recipe in markers.points:
         if recipe.name in accuracy or not _is_applicable(recipe, places, axes):

@@ -197,5 +197,4 @@ def _mean(places: Mapping[str, np.ndarray], names: Sequence[str]) -> np.ndarray:
 
 
 def _unit(vector: np.ndarray) -> np.ndarray:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return vector / np.sqrt(np.vecdot(vector, vector))[..., None]
+    return vector / np.sqrt(np.vecdot(vector, vector))[..., None]
