@@ -1,7 +1,7 @@
 """NatNet (OptiTrack's Motive), bitstream 3.0 to 4.2, by UDP: the client's side.
 
 A packet is its message and the size of its content (16 bits each), then the content. The client connects, asks for the
-descriptions of what is tracked, and gets a packet for each frame. Source: OptiTrack's NatNet SDK 4.1, direct
+definitions of tracked objects, and gets a packet for each frame. Source: OptiTrack's NatNet SDK 4.1, direct
 depacketization and bitstream syntax. Positions are in metres; +Y is up unless Motive is set otherwise.
 """
 
@@ -39,7 +39,7 @@ MARKER = np.dtype([("id", "<u4"), ("position", "<f4", 3), ("size", "<f4"), ("fla
 
 @dataclass(frozen=True)
 class Definitions:
-    """What a server tracks."""
+    """Objects that a server tracks."""
 
     sets: tuple[tuple[str, tuple[str, ...]], ...]  # marker sets: name, names of markers
     bodies: tuple[tuple[int, str], ...]  # rigid bodies: identifier, name
@@ -141,7 +141,7 @@ def read_definitions(content: PacketReader, version: tuple[int, int]) -> Definit
 
 
 def read_frame(content: PacketReader, version: tuple[int, int], known: Definitions) -> tuple[StreamFrame | None, bool]:
-    """Return the frame in a packet, and whether what is tracked has changed; None if it is not as described."""
+    """Return the frame in a packet, and whether the tracked objects have changed; None if it differs from the definitions."""
     content.skip(4)  # its number
     sets: list[tuple[str, np.ndarray]] = []
     count, part = _section(content, version)

@@ -79,7 +79,7 @@ class NatnetClient:
         while True:
             try:
                 data, sender = sock.recvfrom(_LARGEST)
-            except OSError:  # none is left, or the server's machine refuses
+            except OSError:  # all are read, or the server's machine refuses
                 return frames
             if sender[0] != self._server[0]:
                 continue

@@ -1,4 +1,4 @@
-"""A frame of a marker stream, and what a conversation with a server of markers gives."""
+"""A frame of a marker stream, and the interface of conversations with servers of markers."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def quaternions_of(values: np.ndarray) -> np.ndarray:
 
 
 class Received(NamedTuple):
-    """What a conversation made of received bytes."""
+    """Frames in received bytes, and packets to reply."""
 
     frames: Sequence[StreamFrame] = ()
     replies: Sequence[bytes] = ()
