@@ -63,9 +63,9 @@ def test_a_person_is_tracked(server_of: Serving, connect: Connecting, name: str,
         time.sleep(2.5)  # the layout is learned from two seconds
         drained = time.monotonic() + 0.5
         while time.monotonic() < drained:
-            client.frame(SIGNAL)
+            client.frame(SIGNAL, seconds=30)
         welcome = [text for text in client.texts if text["type"] == "welcome"][-1]
-        signal = read_signal(client.frame(SIGNAL), len(welcome["signal"]))
+        signal = read_signal(client.frame(SIGNAL, seconds=30), len(welcome["signal"]))
         names = [welcome["signal"][k] for k in signal.point]
         joints = [k for k, point in enumerate(names) if "glove" not in point and signal.has[k] & 1]
         frame = round(signal.time * capture.rate)

@@ -16,7 +16,7 @@ from bodysense.body.skeleton import BODY, LEG, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import matrix_to_quaternion, quaternion_multiply, quaternion_rotate
 from bodysense.io.markers.body_layout import (
-    BodyLayout,
+    MarkerLayout,
     add_centres,
     observed_points,
     segment_axes,
@@ -115,7 +115,7 @@ def body_of(
         remarks=tuple(remarks),
         raw=file_markers,
         world=world,
-        layout=BodyLayout(markers, here, size, lengths, mirrored, accuracy, world, turn),
+        layout=MarkerLayout(markers, here, size, lengths, mirrored, accuracy, world, turn),
         warnings=alarms,
         arms_hang=arms_hang,
     )

@@ -30,7 +30,7 @@ _SMALLEST = 0.5  # of an adult's size, below which the accuracy of a joint impro
 
 
 @dataclass(frozen=True, eq=False)
-class BodyLayout:
+class MarkerLayout:
     """How the points of a body follow from the markers of a frame. It has no state, so frames may come in any order."""
 
     markers: MarkerSet

@@ -20,7 +20,7 @@ from bodysense.files import read_text
 from bodysense.observing.observation import OPTICAL_ACCURACY, Observation, accuracy_like
 
 if TYPE_CHECKING:
-    from bodysense.io.markers.body_layout import BodyLayout
+    from bodysense.io.markers.body_layout import MarkerLayout
 
 Unit = Literal["m", "cm", "mm", "in", "ft"]
 Up = Literal["y", "z"]
@@ -82,7 +82,7 @@ class MarkerRecording:
     remarks: tuple[str, ...]  # one sentence each: what was recognised, is doubtful or was left out
     raw: RawMarkers  # unconverted
     world: FileWorld  # between the file and our world
-    layout: BodyLayout | None = None  # of its body, whose proportions can be inferred
+    layout: MarkerLayout | None = None  # of its body, whose proportions can be inferred
     warnings: tuple[str, ...] = ()  # labels that are dropped, and limbs that are guessed
     arms_hang: bool = False  # nothing above the pelvis is known
 

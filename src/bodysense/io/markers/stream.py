@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bodysense.io.markers.body_layout import BodyLayout
+from bodysense.io.markers.body_layout import MarkerLayout
 from bodysense.io.markers.marker_sets import recognised
 from bodysense.io.markers.raw_markers import FileWorld, MarkerFormat, RawMarkers, glove_labels, points_alone
 from bodysense.io.markers.recording import recording_of
@@ -24,7 +24,7 @@ class StreamLayout:
 
     names: tuple[str, ...]  # of the markers that it was learned from
     world: FileWorld  # between the stream and our world
-    body: BodyLayout | None = None
+    body: MarkerLayout | None = None
     gloves: Mapping[str, int] = field(default_factory=dict)  # our names of the markers of gloves → index in `names`
     remarks: tuple[str, ...] = ()  # what was recognised, and what was left out
     warnings: tuple[str, ...] = ()  # dropped labels, and limbs that are guessed

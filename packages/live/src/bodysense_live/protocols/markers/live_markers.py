@@ -9,7 +9,7 @@ import numpy as np
 
 from bodysense.body.hands.hand import Side, glove_hands, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
-from bodysense.io.markers.body_layout import BodyLayout
+from bodysense.io.markers.body_layout import MarkerLayout
 from bodysense.io.markers.raw_markers import FileWorld, MarkerFormat, points_alone, world_of
 from bodysense.io.markers.stream import StreamLayout
 from bodysense.observing.observation import FARTHEST, Observation, joined_points
@@ -152,7 +152,7 @@ class _Labeller:
 
 
 def _joints(layout: StreamLayout) -> tuple[str, ...]:
-    body: BodyLayout | None = layout.body
+    body: MarkerLayout | None = layout.body
     return (*(() if body is None else body.accuracy), *layout.gloves)
 
 
