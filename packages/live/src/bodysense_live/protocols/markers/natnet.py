@@ -141,7 +141,7 @@ def read_definitions(content: PacketReader, version: tuple[int, int]) -> Definit
 
 
 def read_frame(content: PacketReader, version: tuple[int, int], known: Definitions) -> tuple[StreamFrame | None, bool]:
-    """Return the frame in a packet, and whether the tracked objects have changed; None if it differs from the definitions."""
+    """Return the frame in a packet (None if it differs from the definitions), and whether these have changed."""
     content.skip(4)  # its number
     sets: list[tuple[str, np.ndarray]] = []
     count, part = _section(content, version)
