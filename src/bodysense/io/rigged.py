@@ -212,7 +212,7 @@ def rigged_of(file: JointFile, options: ReadingOptions = AS_FOUND, *, must_stand
     figure = _chosen(file, options)
     rig = _recognised(file, figure, options)
     clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
-    clip = checked(clip, rig.warnings, rig.joints.keys())
+    clip = checked(clip, (*file.warnings, *rig.warnings), rig.joints.keys())
     if options.height is not None:
         scale = options.height / clip.pose.skeleton.height
         rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)

@@ -124,6 +124,11 @@ def _parsed(data: bytes, path: Path) -> BvhFile:
     if b"#" in text or b"(" in text:
         text = _NOT_A_NUMBER.sub(b"nan", text)
     values = _numbers(path, text)
+    head, doubts = data[: timing.end()], ()
+    if values.size == (frames + 1) * channels:  # some programs announce the frames after the first
+        doubts = (f"'Frames: {frames}' announces one frame fewer than there are; all {frames + 1} are read",)
+        head = head[: timing.start(2)] + b"%d" % (frames + 1) + head[timing.end(2) :]
+        frames += 1
     if values.size != frames * channels and (width := _width_of_rows(text, frames)) not in (0, channels):
         raise BodysenseError(
             f"{path}: 'Frames: {frames}' announces {frames * channels} values ({channels} channels), but each row has "
@@ -139,7 +144,7 @@ def _parsed(data: bytes, path: Path) -> BvhFile:
     joint = {k: joint for joint, k in enumerate(nodes)}
     return BvhFile(
         path=path,
-        head=data[: timing.end()],
+        head=head,
         motion=text,
         tree=tuple(tree),
         nodes=nodes,
@@ -149,6 +154,7 @@ def _parsed(data: bytes, path: Path) -> BvhFile:
         channels=tuple(tree[k].channels for k in nodes),
         values=values.reshape(frames, channels),
         frame_rate=rate,
+        warnings=doubts,
     )
 
 

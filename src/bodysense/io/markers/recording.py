@@ -52,7 +52,7 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
     if not found.observation.points:
         raise BodysenseError(f"{path}: no joint follows from what is seen of {known.markers.name}; label more markers")
     check_observation(found.observation, str(path))
-    body = replace(found, remarks=(*raw.remarks, *found.remarks))
+    body = replace(found, remarks=(*raw.remarks, *found.remarks), warnings=(*raw.warnings, *found.warnings))
     if gloves is None:
         return body
     # The body determines unit, axes and floor better than the gloves.
@@ -123,7 +123,13 @@ def _gloves(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
     check_observation(observation, place)
     world = world_of(raw, form)
     return MarkerRecording(
-        observation, raw.frame_rate, check.sizes, (*raw.remarks, *remarks, *check.remarks), raw, world
+        observation,
+        raw.frame_rate,
+        check.sizes,
+        (*raw.remarks, *remarks, *check.remarks),
+        raw,
+        world,
+        warnings=raw.warnings,
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
@@ -47,6 +47,7 @@ class JointFile(ABC):
     channels: tuple[tuple[str, ...], ...]  # of each joint, 'Xposition' …, in the file's order
     values: np.ndarray  # (T, C); NaN where the file's value is not a number
     frame_rate: float  # Hz
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)  # doubts about the file
 
     @property
     def unit(self) -> str | None:
