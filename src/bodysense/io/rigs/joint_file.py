@@ -117,7 +117,11 @@ class JointFile(ABC):
     @cached_property
     def rotation(self) -> np.ndarray:
         """(T, J, 4) local rotations of the mended file."""
-        values = self.mended.values
+        return self.rotation_in(slice(None))
+
+    def rotation_in(self, frames: slice | np.ndarray) -> np.ndarray:
+        """Return the local rotations (N, J, 4) of the mended file in some frames."""
+        values = self.mended.values[frames]
         rotation = np.zeros((len(values), len(self.joints), 4))
         rotation[..., 0] = 1
         for order in {*self.order} - {""}:
