@@ -1,11 +1,11 @@
-"""Time the README's first commands on a machine with only Python, from `git clone` to a moving body.
+"""Time the README's first commands on a machine with only Python, from nothing to a moving body.
 
     python scripts/first_body.py [--json FIGURES/first-body.json] [--without-compiler]
 
 Clones the last commit into a temporary folder and runs the README's first sh block there, in an environment of its
 own, twice: with an empty cache of pip, then without a network, from packages that were fetched between the two. The
 difference is the network's share of the installation. The clone is of this machine: the network's share of a real one
-is that of `clone_mb`.
+is that of `clone_mb`. With the package `uv`, the README's line of uvx is timed, too, with an empty cache.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -20,6 +21,7 @@ import tempfile
 import time
 import tomllib
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from bodysense.cli.show import write_numbers
@@ -40,11 +42,19 @@ class Step:
 
 
 def first_commands(readme: str) -> list[str]:
-    """Return the lines of the first sh block."""
+    """Return the lines of the first sh block, without those that fetch the repository."""
     block = re.search(r"^```sh\n(.*?)^```", readme, re.MULTILINE | re.DOTALL)
     if block is None:
         raise ValueError("README.md: no sh block")
-    return [line for line in block[1].splitlines() if line.strip()]
+    return [line for line in block[1].splitlines() if line.strip() and not line.startswith(("git clone", "cd "))]
+
+
+def uvx_command(readme: str) -> str:
+    """Return the README's line of uvx."""
+    found = re.search(r"^uvx .*$", readme, re.MULTILINE)
+    if found is None:
+        raise ValueError("README.md: no line of uvx")
+    return found[0]
 
 
 def run(command: list[str] | str, folder: Path, environment: dict[str, str]) -> tuple[float, float]:
@@ -72,7 +82,7 @@ def run(command: list[str] | str, folder: Path, environment: dict[str, str]) -> 
 def newcomer(folder: Path, environment: dict[str, str], has_compiler: bool) -> list[Step]:
     """Clone into `folder` and run the README's first block there."""
     clone, venv = folder / "bodysense", folder / "venv"
-    cloning = ["git", "clone", "--quiet", "--single-branch", f"file://{ROOT}", str(clone)]
+    cloning = ["git", "clone", "--quiet", "--depth", "1", f"file://{ROOT}", str(clone)]
     steps = [Step("git clone", *run(cloning, folder, environment), "clone")]
     steps.append(
         Step("python -m venv", *run([sys.executable, "-m", "venv", str(venv)], folder, environment), "install")
@@ -128,7 +138,22 @@ def measure(has_compiler: bool) -> tuple[list[Step], list[Step], dict[str, float
         shutil.rmtree(first)
         alone = environment | {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(wheels), "PIP_CACHE_DIR": f"{folder}/none"}
         offline = newcomer(second, alone, has_compiler)
-    return cold, offline, numbers_of(cold, offline) | sizes
+        numbers = numbers_of(cold, offline) | sizes
+        if find_spec("uv") is not None:
+            numbers["uvx_s"] = by_uvx(Path(folder) / "uvx", environment)
+    return cold, offline, numbers
+
+
+def by_uvx(folder: Path, environment: dict[str, str]) -> float:
+    """Return the seconds of the README's line of uvx, with an empty cache."""
+    folder.mkdir()
+    line = uvx_command((ROOT / "README.md").read_text(encoding="utf-8")).replace("uvx", "-m uv tool run", 1)
+    places = {"UV_CACHE_DIR": "cache", "UV_TOOL_DIR": "tools"}
+    inside = environment | {name: str(folder / place) for name, place in places.items()}
+    seconds, _ = run(f"{shlex.quote(sys.executable)} {line}", folder, inside | {"REPOSITORY": f"file://{ROOT}"})
+    if not all((folder / name).is_file() for name in MADE):
+        raise SystemExit(f"{line}: {MADE[0]} was not written")
+    return seconds
 
 
 def main() -> None:
@@ -142,6 +167,8 @@ def main() -> None:
     for one, other in zip(cold, offline, strict=True):
         print(f"{one.command:42} {one.seconds:11.1f} {other.seconds:11.1f}")
     print(f"{'from git clone to a moving body':42} {numbers['cold_s']:11.1f} {numbers['offline_s']:11.1f}")
+    if "uvx_s" in numbers:
+        print(f"{'from uvx to a moving body':42} {numbers['uvx_s']:11.1f}")
     print(f"{'of which install':42} {numbers['cold_install_s']:11.1f} {numbers['offline_install_s']:11.1f}")
     computed = f"{numbers['cold_processor_s']:11.1f} {numbers['offline_processor_s']:11.1f}"
     print(f"{'time of a processor':42} {computed}")

@@ -45,7 +45,7 @@ from bodysense.takes.last_known import KNOWN
 from bodysense.takes.take import Take, track
 from bodysense_lab.core.scoring import group_of
 from bodysense_lab.data.augment import mirrored
-from bodysense_lab.data.clips import open_clips, training_clips
+from bodysense_lab.data.clips import clips_of, open_clips, training_clips
 from bodysense_lab.data.datasets import gather_results
 from bodysense_lab.papers.pahmt.recordings import read_arm_recordings
 from bodysense_lab.papers.paper_options import PaperOptions
@@ -226,7 +226,8 @@ def unoc_avatars(data: Path) -> dict[str, float]:
         sets = {name: _clips_of(data, letter, Path(folder) / name) for name, letter in AVATARS.items()}
         for learned, place in sets.items():
             out = Path(folder) / f"{learned}.onnx"
-            train_points(FingersTraining(data=place, out=out, threads=1))
+            run = FingersTraining(data=place, out=out, threads=1)
+            train_points(run, clips_of(run))
             examples, model = examples_of(open_clips(place, "train")), load_point_model("fingers", out)
             work = partial(finger_errors, examples=examples, model=model)
             for tested, other in sets.items():

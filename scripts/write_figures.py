@@ -98,6 +98,7 @@ Live, with P processes and N sessions: 1 and 8; 2 and 8, 16, 24, 40.
     python scripts/measure_page.py FIGURES/page.json
     python scripts/measure_page.py FIGURES/page-endurance.json
     python scripts/build_image.py --json FIGURES/image.json
+    python scripts/build_packages.py --json FIGURES/packages.json
 """
 
 from __future__ import annotations
@@ -106,22 +107,19 @@ import shutil
 import sys
 from pathlib import Path
 
-from figures import completion, conform, gloves, hours, live, markers, occlusion, page, papers, speed, video
-from figures.blocks import ROOT, read_measured, write_blocks
-from figures.rows import write_rows
+from described import write_descriptions
 from PIL import Image
-
-BLOCKS = tuple(
-    block
-    for module in (completion, conform, gloves, hours, live, markers, occlusion, page, papers, speed, video)
-    for block in module.BLOCKS
-)
+from rows import write_rows
+from tables import ROOT, read_measured, read_templates, write_blocks
 
 
 def main(folder: Path) -> None:
     """Replace the text of every block and the pictures whose figures are in `folder`, then the rows of the papers."""
-    write_blocks(BLOCKS, read_measured(folder))
-    write_rows()
+    blocks, rows = read_templates()
+    measured = read_measured(folder)
+    write_blocks(blocks, measured)
+    write_descriptions(measured)
+    write_rows(rows)
     if (drawn := folder / "demo" / "demo.webp").is_file():
         shutil.copyfile(drawn, ROOT / "docs" / "figures" / "demo.webp")
     if (drawn := folder / "pahmt-table1.png").is_file():

@@ -17,7 +17,7 @@ from bodysense.io.formats.recording import Recording, read_recording
 from bodysense.tracking.model import PACKAGED
 
 ROOT = Path(__file__).parents[2]
-CORE, ENGINES, SHIMS = ROOT / "core", ROOT / "extras" / "engines", Path(__file__).parent / "engine_shims"
+CORE, EXTRAS, ENGINES = ROOT / "core", ROOT / "extras", ROOT / "extras" / "engines"
 WEIGHTS = ROOT / "src" / "bodysense" / "weights" / PACKAGED
 HEIGHT, FRAMES = 1.7, 90
 CLOSE = 2e-6  # of what is printed with six places
@@ -179,30 +179,17 @@ def test_the_header_for_engines(installed: Path, lines: str, completed: np.ndarr
 @pytest.mark.skipif(not (shutil.which("mcs") and shutil.which("mono")), reason="needs Mono")
 def test_the_listing_for_unity_runs(installed: Path, lines: str, completed: np.ndarray, tmp_path: Path) -> None:
     (tmp_path / "program.cs").write_text(CSHARP)
-    sources = [ENGINES / "unity" / name for name in ("BodySenseNative.cs", "Body.cs")]
+    sources = [EXTRAS / "unity" / "Runtime" / name for name in ("BodySenseNative.cs", "Body.cs")]
     options = ("-unsafe", "-langversion:7.2", "-warnaserror", f"-out:{tmp_path / 'a.exe'}")
     ran("mcs", *options, *sources, tmp_path / "program.cs")
     found = ran("mono", tmp_path / "a.exe", WEIGHTS, text=lines, LD_LIBRARY_PATH=str(installed / "lib"))
     np.testing.assert_allclose(rows(found), completed, atol=CLOSE)
 
 
-@pytest.mark.skipif(not shutil.which("mcs"), reason="needs Mono")
-def test_the_avatar_of_unity_compiles(tmp_path: Path) -> None:
-    sources = [ENGINES / "unity" / name for name in ("BodySenseNative.cs", "Body.cs", "BodySenseAvatar.cs")]
-    options = ("-unsafe", "-langversion:7.2", "-target:library", f"-out:{tmp_path / 'a.dll'}")
-    ran("mcs", *options, *sources, SHIMS / "unity.cs")
-
-
-def test_the_node_of_godot_compiles(tmp_path: Path) -> None:
-    """Against declarations of what it uses of Godot."""
-    path = ENGINES / "godot" / "bodysense_body.cpp"
-    for name in re.findall(r"#include [<\"]([\w/.]+)[>\"]", path.read_text(encoding="utf-8")):
-        if name != "bodysense.hpp":
-            (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-            (tmp_path / name).write_text(f'#include "{SHIMS}/godot.hpp"\n')
-    warnings = ("-Wall", "-Wextra", "-Werror", "-Wno-unused-function")
-    places = [f"-I{place}" for place in (tmp_path, ENGINES, CORE / "include")]
-    ran(cpp_compiler(), "-std=c++17", "-fsyntax-only", *warnings, *places, path)
+def test_the_node_of_godot_compiles() -> None:
+    """Without a warning."""
+    warnings = ("-Wall", "-Wextra", "-Wconversion", "-Werror", "-pedantic")
+    ran("cc", "-std=c11", "-fsyntax-only", *warnings, f"-I{CORE / 'include'}", EXTRAS / "godot" / "bodysense_godot.c")
 
 
 def cpp_compiler() -> str:

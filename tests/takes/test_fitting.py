@@ -9,7 +9,8 @@ from body_poses import no_points, places_of
 from bodysense.body.pose import Pose
 from bodysense.body.reach import reach
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
-from bodysense.takes.fitting import FADE_TIME, fade_offsets, fit_limbs, fit_trunk
+from bodysense.io.fingers import is_finger
+from bodysense.takes.fitting import FADE_TIME, Trunk, fade_offsets, fit_limbs, fit_trunk
 
 SECONDS = 1 / 30
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
+from array_api_compat import array_namespace, device
 
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import expect
@@ -137,7 +137,7 @@ def as_like(values: Any, like: Array) -> Array:
             return values.to(like)
         values = np.array(values)  # a copy, because PyTorch cannot share a read-only array
     xp = array_namespace(like)
-    return xp.asarray(values, dtype=like.dtype, device=like.device)
+    return xp.asarray(values, dtype=like.dtype, device=device(like))
 
 
 def standing_pose(skeleton: Skeleton) -> Pose:

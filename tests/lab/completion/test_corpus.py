@@ -11,8 +11,8 @@ from split_people import person_of, write_people
 
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import write_bvh
-from bodysense_lab.completion.data import corpus
-from bodysense_lab.completion.data.corpus import read_corpus
+from bodysense_lab.completion.data import corpus_cache
+from bodysense_lab.completion.data.corpus_cache import read_corpus
 
 
 def test_motion_is_read_once_until_it_changes(
@@ -20,13 +20,13 @@ def test_motion_is_read_once_until_it_changes(
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     data = write_people(tmp_path / "data", {"train": [waving_clip]})
-    reads, read_clips = [], corpus.read_clips
+    reads, read_clips = [], corpus_cache.read_clips
 
     def counted(*arguments: object):
         reads.append(arguments)
         return read_clips(*arguments)  # pyright: ignore[reportArgumentType]
 
-    monkeypatch.setattr(corpus, "read_clips", counted)
+    monkeypatch.setattr(corpus_cache, "read_clips", counted)
     first, again = (read_corpus(data, "train") for _ in range(2))
     assert len(reads) == 1 and len(again) == 1
     np.testing.assert_array_equal(first.rotation, again.rotation)

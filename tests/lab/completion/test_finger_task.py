@@ -21,9 +21,9 @@ from bodysense.geometry.rotation import (
     quaternion_rotate,
     quaternion_to_matrix,
 )
-from bodysense_lab.completion import train as training
 from bodysense_lab.completion.data.batches import HandBatch, SequenceBatch, assembled, collate
 from bodysense_lab.completion.data.corpus import Corpus
+from bodysense_lab.completion.data.generated_fingers import kept_fingers
 from bodysense_lab.completion.data.hands import DrawFingers, TrainingHands, hand_kinematics
 from bodysense_lab.completion.data.points import HAND_JOINTS, HAND_POINTS
 from bodysense_lab.completion.data.sensor_draws import FINGER_KINDS, FingerMasks, draw_fingers
@@ -32,7 +32,7 @@ from bodysense_lab.completion.data.training_bodies import TrainingBody, with_oth
 from bodysense_lab.completion.networks.fingers import BENDING_POINTS, FingerConfig, FingerNetwork, finger_positions
 from bodysense_lab.completion.score.finger_errors import finger_validation, last_known_fingers, mean_hand
 from bodysense_lab.completion.score.finger_scores import finger_numbers, load_finger_network, score_fingers
-from bodysense_lab.completion.train import train_fingers, without_person
+from bodysense_lab.completion.train import MotionData, train_fingers, without_person
 from bodysense_lab.completion.training.losses import FingerLosses, finger_losses
 from bodysense_lab.completion.training.options import FingerTraining
 from bodysense_lab.completion.training.task import FingerTask, FingerTaskConfig
@@ -277,12 +277,12 @@ def test_a_few_steps_reduce_the_loss(corpus: Corpus) -> None:
 def test_training_writes_a_network_and_refuses_other_settings(
     corpus: Corpus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(training, "read_corpus", lambda data, split, limit: corpus)
+    data = MotionData(lambda split: corpus, kept_fingers)
     fabric = launch_fabric()
     checkpoint = tmp_path / "fingers.ckpt"
     schedule = Schedule(steps=4, warm_up=1, check_every=2)
     options = FingerTraining(data=tmp_path, out=checkpoint, schedule=schedule, generated_hours=0.01)
-    network = train_fingers(options, fabric, SMALL)
+    network = train_fingers(options, fabric, data, SMALL)
     again, task = load_finger_network(checkpoint)
     assert again.config == SMALL.network and task.generated_hours == SMALL.generated_hours
     for name, value in network.state_dict().items():
@@ -291,7 +291,7 @@ def test_training_writes_a_network_and_refuses_other_settings(
     figures = FingerTask(again, SMALL, Schedule(), corpus, validation).validate(again)
     assert figures["nothing_cm"] == pytest.approx(100 * validation["nothing"].baseline * figures["nothing_ratio"])
     with pytest.raises(BodysenseError, match=r"fingers\.ckpt.*another configuration"):
-        train_fingers(replace(options, schedule=replace(schedule, steps=5)), fabric, SMALL)
+        train_fingers(replace(options, schedule=replace(schedule, steps=5)), fabric, data, SMALL)
     with pytest.raises(BodysenseError, match="no such checkpoint"):
         load_finger_network(tmp_path / "none.ckpt")
 

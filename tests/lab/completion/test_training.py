@@ -22,6 +22,8 @@ from bodysense.io.formats.bvh import write_bvh
 from bodysense.observing.observation import INERTIAL_POINTS
 from bodysense_lab.completion.data.batches import assembled, collate
 from bodysense_lab.completion.data.corpus import Corpus
+from bodysense_lab.completion.data.corpus_cache import read_corpus
+from bodysense_lab.completion.data.generated_fingers import kept_fingers
 from bodysense_lab.completion.data.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
 from bodysense_lab.completion.data.sensor_draws import (
     KINDS,
@@ -36,7 +38,7 @@ from bodysense_lab.completion.data.sequences import Sequence, SequenceAugmentati
 from bodysense_lab.completion.data.training_bodies import TrainingBody
 from bodysense_lab.completion.networks.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.networks.weights_file import read_weights
-from bodysense_lab.completion.train import completion_finger_network, train_completion
+from bodysense_lab.completion.train import MotionData, completion_finger_network, train_completion
 from bodysense_lab.completion.training.losses import Losses
 from bodysense_lab.completion.training.options import CompletionTraining
 from bodysense_lab.completion.training.task import CompletionTask, CompletionTaskConfig
@@ -279,9 +281,9 @@ def test_keep_averages_trained_and_initial_weights(tmp_path: Path, monkeypatch: 
         schedule=Schedule(steps=1, warm_up=1, average_decay=0.0),
     )
     earlier = read_weights(PACKAGED)[0].state_dict()
-    fabric = launch_fabric(1, 1)
-    trained = train_completion(run, fabric).state_dict()
-    mixed = train_completion(replace(run, keep=0.25), fabric).state_dict()
+    data, fabric = MotionData(partial(read_corpus, run.data), kept_fingers), launch_fabric(1, 1)
+    trained = train_completion(run, fabric, data).state_dict()
+    mixed = train_completion(replace(run, keep=0.25), fabric, data).state_dict()
     assert any((trained[name] - earlier[name]).abs().max() > 1e-4 for name in trained)
     for name in trained:
         torch.testing.assert_close(mixed[name], 0.25 * earlier[name] + 0.75 * trained[name])
@@ -331,10 +333,11 @@ def test_a_teacher_has_a_memory_of_its_own_and_pulls_usual_sequences(corpus: Cor
 
 def test_without_steps_fingers_are_those_of_begin_with(tmp_path: Path) -> None:
     run = CompletionTraining(data=tmp_path, out=tmp_path / "net.safetensors", begin_with=PACKAGED, finger_steps=0)
-    kept = completion_finger_network(run, launch_fabric(1, 1)).state_dict()
+    data = MotionData(partial(read_corpus, run.data), kept_fingers)
+    kept = completion_finger_network(run, launch_fabric(1, 1), data).state_dict()
     assert all(torch.equal(kept[name], one) for name, one in read_weights(PACKAGED)[1].state_dict().items())
     for other in (replace(run, begin_with=None), replace(run, backward=True)):
-        relaxed = completion_finger_network(other, launch_fabric(1, 1))
+        relaxed = completion_finger_network(other, launch_fabric(1, 1), data)
         assert not any(last.any() for last in relaxed.branch[-1].parameters())
 
 

@@ -34,8 +34,8 @@ from bodysense_lab.papers.hmd_vae.frames import (
     TRAIN_LENGTH,
     BodyFrames,
     read_body_frames,
-    split_clips,
 )
+from bodysense_lab.papers.hmd_vae.listed_clips import listed_clips
 from bodysense_lab.papers.hmd_vae.network import BodyVae, read_vae
 from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig
 
@@ -87,7 +87,7 @@ def read_test(
 
     With a split list, the test motions of that list instead of the people of `data.split`.
     """
-    clips = data.clips() if split_file is None else split_clips(data.path, "test", split_file)
+    clips = data.clips() if split_file is None else listed_clips(data.path, "test", split_file)
     census = Census()
 
     def counted() -> Any:

@@ -5,7 +5,6 @@ namespace BodySense
 {
     public sealed class BodySenseAvatar : MonoBehaviour
     {
-        public TextAsset weights;             // completion.safetensors, renamed to completion.bytes
         public Transform head, leftWrist, rightWrist; // where the wearer's joints are; children of the headset and controllers
         public float height;                  // m; 0: inferred
 
@@ -28,7 +27,7 @@ namespace BodySense
 
         void Start()
         {
-            body = new Body(weights.bytes, height > 0 ? height : double.NaN);
+            body = new Body(Weights.Load(), height > 0 ? height : double.NaN);
             var animator = GetComponent<Animator>();
             foreach (var pair in Bones)
             {

@@ -1,4 +1,4 @@
-// One completed body, in the axes of bodysense.h. Needs "Allow 'unsafe' code" in the player settings.
+// One completed body, in the axes of bodysense.h.
 using System;
 using System.Runtime.InteropServices;
 
@@ -27,7 +27,7 @@ namespace BodySense
         readonly void* model, state, scratch;
         readonly UIntPtr scratchSize;
 
-        // weights: the content of completion.safetensors. height: m; NaN: inferred.
+        // weights: the content of completion.safetensors (`Weights.Load()`). height: m; NaN: inferred.
         public Body(byte[] weights, double height = double.NaN)
         {
             if (Native.bs_version() != Native.Version)
