@@ -13,7 +13,6 @@ import numpy as np
 
 from bodysense.body.hands.hand import glove_marker
 from bodysense.errors import BodysenseError
-from bodysense.observing.stated_world import COMPACT, HIGHEST_HEAD, check_world, convert_world
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -51,6 +50,15 @@ RAW_POINTS = frozenset(("headset", "left_controller", "right_controller"))  # po
 _HEADSET_POINTS = {"head", "left_wrist", "right_wrist", *RAW_POINTS}
 
 _NO_POSITION, _NO_ROTATION = (nan, nan, nan), (nan, nan, nan, nan)
+
+# Limits of `check_world`.
+_HEADS = ("head", "headset")
+_HIGHEST_HEAD = 20.0  # m above the floor; a higher head without other points is in another unit
+_WIDEST = 4.0  # m from the head to the mean of the other points; no body is as large
+_LOW = 0.7  # m; a lower head is not that of a standing body
+_STANDING = (0.8, 2.3)  # m; usual heights of a head
+_COMPACT = 2.0  # m along each axis; points that are as near pass `check_world` in any case
+_UPRIGHT = 0.2  # m; smallest height of the head above the other points of an upright body
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +196,7 @@ def _plain_frame(time: float, poses: Mapping[str, Any], accuracy: float | None) 
                 numbers += _NO_POSITION
             else:
                 x, y, z = position
-                if not (abs(x) <= FARTHEST and abs(y) <= HIGHEST_HEAD and abs(z) <= FARTHEST):
+                if not (abs(x) <= FARTHEST and abs(y) <= _HIGHEST_HEAD and abs(z) <= FARTHEST):
                     return None
                 low, high = [*map(min, low, position)], [*map(max, high, position)]
                 numbers += (x, y, z)
@@ -202,7 +210,7 @@ def _plain_frame(time: float, poses: Mapping[str, Any], accuracy: float | None) 
         usual = _usual_accuracies(points) if accuracy is None else (accuracy,) * len(points)
         if not (points and isfinite(time) and all(0 < each < np.inf for each in usual)):
             return None
-        if any(b - a > COMPACT for a, b in zip(low, high, strict=True)):
+        if any(b - a > _COMPACT for a, b in zip(low, high, strict=True)):
             return None
         count = len(points)
         whole = np.array((*numbers, *rotations, *usual, time), dtype=np.float64)
@@ -265,6 +273,79 @@ def _from_named_points(
         accuracy_like(has_position, usual),
         np.arange(lead[-1]) / rate if time is None else np.asarray(time, dtype=float),
     )
+
+
+def convert_world(observation: Observation, unit: str | None, up: str | None) -> Observation:
+    """Convert an observation from its unit and upward axis to metres and +Y up. None: no conversion.
+
+    Raises BodysenseError for unknown units and axes.
+    """
+    if unit is None and up is None:
+        return observation
+    from bodysense.geometry.rotation import quaternion_multiply, quaternion_rotate
+    from bodysense.observing.world_axes import metres_of, turn_of
+
+    metres, turn = metres_of(unit or "m", "unit"), turn_of(up or "y", "up")
+    acceleration = observation.acceleration
+    return replace(
+        observation,
+        position=quaternion_rotate(np.broadcast_to(turn, observation.rotation.shape), metres * observation.position),
+        rotation=quaternion_multiply(np.broadcast_to(turn, observation.rotation.shape), observation.rotation),
+        acceleration=None
+        if acceleration is None
+        else quaternion_rotate(np.broadcast_to(turn, observation.rotation.shape), metres * acceleration),
+    )
+
+
+def check_world(
+    observation: Observation, name: str, *, unit: str | None = None, up: str | None = None, floor: float = 0.0
+) -> None:
+    """Raise BodysenseError, naming the fix, for a body that appears to be in another unit or upright along +Z.
+
+    Args:
+        observation: a valid observation; it passes if no head is tracked.
+        name: beginning of the message.
+        unit: unit that the user gave; it is not checked then.
+        up: upward axis that the user gave; it is not checked then.
+        floor: height of the floor, m.
+    """
+    head = next((k for k, point in enumerate(observation.points) if point in _HEADS), None)
+    if head is None or not (seen := observation.has_position[..., head]).any():
+        return
+    top = observation.position[..., head, :][seen]  # (N, 3)
+    height, depth = float(np.median(top[:, 1])) - floor, float(np.median(top[:, 2]))
+    rise = _head_above_points(observation, head)
+    size = abs(height) if rise is None else float(np.linalg.norm(rise))
+    if unit is None and size > (_HIGHEST_HEAD if rise is None else _WIDEST):
+        likely = "cm" if size < 100 * _WIDEST else "mm"
+        where = "above the floor" if rise is None else "from the other points"
+        raise BodysenseError(
+            f"{name}: the head is {size:.4g} m {where}; give metres, or say the unit: unit='{likely}' (--unit "
+            f"{likely}); unit='m' (--unit m) if it is really there"
+        )
+    stands_along_z = rise[2] > max(_UPRIGHT, 2 * abs(rise[1])) if rise is not None else _keeps_height(top[:, 2])
+    if up is None and abs(height) < _LOW and _STANDING[0] < depth < _STANDING[1] and stands_along_z:
+        raise BodysenseError(
+            f"{name}: the head is {height:.2f} m high and {depth:.2f} m along z, as of a body that stands along +Z; "
+            "give data with +Y up, or say the axis: up='z' (--up z); up='y' (--up y) if the body lies"
+        )
+
+
+def _head_above_points(observation: Observation, head: int) -> np.ndarray | None:
+    """Return the median vector (3,) m from the mean of the body's other points to its head; None without any."""
+    others = [k for k, point in enumerate(observation.points) if k != head and glove_marker(point) is None]
+    known = observation.has_position[..., others] & observation.has_position[..., [head]]
+    where = known.any(axis=-1)
+    if not where.any():
+        return None
+    total = np.where(known[..., None], observation.position[..., others, :], 0.0).sum(axis=-2)[where]
+    middle = total / known.sum(axis=-1)[where][:, None]
+    return np.median(observation.position[..., head, :][where] - middle, axis=0)
+
+
+def _keeps_height(heights: np.ndarray) -> bool:
+    """Whether (N,) m could be heights of a head: at least a second, within half a metre."""
+    return len(heights) >= 30 and float(np.ptp(heights)) < 0.5
 
 
 def check_shapes(observation: Observation, name: str = "observation") -> None:

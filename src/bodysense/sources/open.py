@@ -26,8 +26,7 @@ from bodysense.io.markers.options import ENDINGS as MARKER_ENDINGS
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_file
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.rigged import Rigged, read_rigged
-from bodysense.observing.observation import Observation
-from bodysense.observing.stated_world import convert_world
+from bodysense.observing.observation import Observation, convert_world
 from bodysense.quality.plausible import floor_doubt
 
 if TYPE_CHECKING:
