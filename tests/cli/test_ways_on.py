@@ -61,7 +61,7 @@ def messages() -> Iterator[str]:
                 dropped.add(id(node.value))
             if isinstance(node, ast.JoinedStr):
                 dropped |= {id(part) for part in node.values}
-                yield "".join(part.value if isinstance(part, ast.Constant) else "{}" for part in node.values)
+                yield "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
         constants = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in dropped)
         yield from (node.value for node in constants if isinstance(node.value, str))
 
