@@ -75,7 +75,7 @@ EXPECTED = (0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # cm: bounds of the bins of expe
 
 def marker_sets() -> dict[str, float]:
     """Return the errors of joints by marker set, cm, and of the 22 joints after tracking."""
-    from virtual import LABORATORIES, SETS, errors, raw_of, worn  # pyright: ignore[reportMissingImports]
+    from virtual_markers import LABORATORIES, SETS, errors, raw_of, worn  # pyright: ignore[reportMissingImports]
 
     clip, found = performance_of_unseen_body(), {}
     for name, labels in (SETS | LABORATORIES).items():
@@ -93,7 +93,7 @@ def marker_sets() -> dict[str, float]:
 
 def marker_gaps() -> dict[str, float]:
     """Return the errors of filled gaps of a marker, cm: by the tracker, a cubic spline and a straight line."""
-    from virtual import PLUG_IN_GAIT, worn  # pyright: ignore[reportMissingImports]
+    from virtual_markers import PLUG_IN_GAIT, worn  # pyright: ignore[reportMissingImports]
 
     clip = performance_of_unseen_body()
     places = worn(clip.pose, PLUG_IN_GAIT)
@@ -358,7 +358,7 @@ def main(out: Path, folder: Path | None = None) -> None:
     known = MEASURES if folder is None else FROM
     if out.stem not in known:
         raise SystemExit(f"{out}: name it {', '.join(f'{name}.json' for name in known)}")
-    sys.path[:0] = [str(TESTS), str(TESTS / "io" / "markers")]  # the synthetic wearers of the tests
+    sys.path.insert(0, str(TESTS))  # the synthetic wearers of the tests
     numbers = MEASURES[out.stem]() if folder is None else FROM[out.stem](folder)
     write_numbers(out, {name: float(value) for name, value in numbers.items()})
     print(f"wrote {out}")
