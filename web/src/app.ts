@@ -221,7 +221,9 @@ export class App {
   private async watchWebcam(): Promise<void> {
     const { openWebcam } = await import("./sources/webcam"); // MediaPipe is fetched when it is wanted
     const before = this.source;
-    const source = await openWebcam(this.base, this.live, (text) => this.notice.fault(text));
+    const source = await openWebcam(this.base, this.live, (text) =>
+      text === null ? this.notice.clear() : this.notice.fault(text),
+    );
     if (this.source === before) this.begin(source);
     else source.stop?.(); // something else was chosen in the meantime
   }

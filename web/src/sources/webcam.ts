@@ -23,7 +23,7 @@ const REFUSALS: Readonly<Record<string, string>> = {
 };
 
 /** Open the webcam. Throws an Error of one line that names the missing part. */
-export async function openWebcam(base: string, live: Live, say: (text: string) => void): Promise<Source> {
+export async function openWebcam(base: string, live: Live, say: (text: string | null) => void): Promise<Source> {
   if (!navigator.mediaDevices)
     throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
   const small = new CameraPicture();
@@ -71,7 +71,7 @@ class Webcam implements Source {
     private readonly small: CameraPicture,
     base: string,
     private readonly live: Live,
-    private readonly say: (text: string) => void,
+    private readonly say: (text: string | null) => void, // null: what was said is over
   ) {
     const aspect = video.videoWidth / Math.max(video.videoHeight, 1);
     this.points = new LandmarkPoints(Math.max(aspect, 1) / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360));
@@ -135,7 +135,9 @@ class Webcam implements Source {
             world: world.map(({ x, y, z }): Vector => [x, -y, -z]),
             picture: picture.map(({ x, y }) => [(x - 0.5) * aspect, 0.5 - y] as const),
             // A part beyond the picture is a guess, however visible MediaPipe holds it.
-            visible: world.map(({ visibility }, k) => Math.min(visibility ?? 0, isInside(picture[k]) ? 1 : GUESSED)),
+            visible: world.map(({ visibility }, k) =>
+              Math.min(visibility ?? 0, picture[k].presence ?? 1, isInside(picture[k]) ? 1 : GUESSED),
+            ),
           };
     const passed = Math.min((milliseconds - this.before) / 1000, 1);
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
@@ -157,6 +159,7 @@ class Webcam implements Source {
     }
     this.small.say(seenOf(found?.visible ?? []));
     this.before = this.lonely = milliseconds;
+    if (this.hasReported) this.say(null);
     this.hasReported = false;
     this.sensors = points.map(({ name }) => name);
     this.live.track({ time: milliseconds / 1000, points }, null);
