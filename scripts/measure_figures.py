@@ -39,7 +39,6 @@ from bodysense.io.clip import Clip
 from bodysense.io.markers.formats.c3d import write_c3d
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.observing.observation import EXACT_ACCURACY, Observation
-from bodysense.papers.point_model import load_point_model
 from bodysense.quality.metrics import joint_error
 from bodysense.takes.last_known import KNOWN
 from bodysense.takes.take import Take, track
@@ -52,6 +51,7 @@ from bodysense_lab.papers.paper_options import PaperOptions
 from bodysense_lab.papers.two_hands.system import SETTINGS, networks_of
 from bodysense_lab.papers.two_hands.trials import cut, hands_of, observed
 from bodysense_lab.papers.unoc.options import FingersTraining, TablesTraining
+from bodysense_lab.papers.unoc.point_model import load_point_model
 from bodysense_lab.papers.unoc.score.finger_scores import examples_of, finger_errors
 from bodysense_lab.papers.unoc.score.kept_scores import better_last_known
 from bodysense_lab.papers.unoc.score.tables import PLACES

@@ -30,7 +30,6 @@ FLOORS: dict[str, float] = {
     "devices": 3,
     "demo": 3,
     "pictures": 4,
-    "papers": 4,
     "sources": 5,
     "takes": 6,
     "cli": 8,

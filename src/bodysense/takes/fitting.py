@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reach_all
 from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import (
     quaternion_canonical,
     quaternion_conjugate,

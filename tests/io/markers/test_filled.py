@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from virtual import PLUG_IN_GAIT, marker_positions
+from virtual_markers import PLUG_IN_GAIT, marker_positions
 
 from bodysense.cli import main
 from bodysense.demo import performance_of_unseen_body

@@ -17,11 +17,11 @@ from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_to_matrix
 from bodysense.io.clip import Clip
-from bodysense.papers.hmd_vae import load_body_vae
 from bodysense_lab.core.checkpoint import write_weights_file
 from bodysense_lab.core.fit import Progress, fit, rate_at
 from bodysense_lab.data.augment import mirrored as mirrored_clip
 from bodysense_lab.papers.hmd_vae import train as trainings
+from bodysense_lab.papers.hmd_vae.body_vae import load_body_vae
 from bodysense_lab.papers.hmd_vae.body_windows import VaeBatch, make_batch, mirrored
 from bodysense_lab.papers.hmd_vae.frames import BodyFrames, read_body_frames
 from bodysense_lab.papers.hmd_vae.listed_clips import vae_clips_of

@@ -11,8 +11,8 @@ from typing import Self
 
 import numpy as np
 
-from bodysense.body.gaps import runs
 from bodysense.errors import BodysenseError
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, swing_twist
 from bodysense.observing.world_axes import UpAxis
 

@@ -36,7 +36,7 @@ from bodysense_lab.papers.unoc.sequences.point_sequences import PointSequence, m
 from bodysense_lab.papers.unoc.task import BodySchedule, BodyTask
 
 if TYPE_CHECKING:
-    from bodysense.papers.point_model import Task
+    from bodysense_lab.papers.unoc.point_model import Task
 
 E = TypeVar("E")  # a training sequence
 N = TypeVar("N")  # a network that reads it

@@ -1,0 +1,1 @@
+"""Templates of measured tables, and measurements of the machine; see `scripts/write_figures.py`."""
