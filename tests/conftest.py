@@ -261,9 +261,7 @@ def quick_completion(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run the laboratory's other processes as threads: each process would import PyTorch."""
-    monkeypatch.setattr(
-        "bodysense_lab.core.parallel.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1)
-    )
+    monkeypatch.setattr("bodysense.parallel.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1))
 
 
 @pytest.fixture

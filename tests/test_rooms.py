@@ -20,6 +20,7 @@ FLOORS: dict[str, float] = {
     "ranges": -1,  # of options
     "weights": -1,
     "arrays": -0.5,
+    "parallel": -0.5,
     "tensors": -0.5,
     "geometry": -0.3,
     "body": 0,

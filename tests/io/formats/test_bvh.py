@@ -157,7 +157,7 @@ BROKEN = [
     ("\n}\nMOTION", "\nMOTION", "the hierarchy is cut off before its last '}'"),
     ("}\nMOTION", "}\nROOT Other\n{\nOFFSET 0 0 0\n}\nMOTION", r"2 figures \(Hips, Other\), not one; split the file"),
     ("Frames: 2", "Frames: 3", r"'Frames: 3' announces 36 values \(12 channels\), but there are 2 whole frames;"),
-    ("Frames: 2", "Frames: 1", "'Frames: 1' announces 12 values .* there are 2 whole frames; correct that number"),
+    ("Frames: 2", "Frames: 4", "'Frames: 4' announces 48 values .* there are 2 whole frames; correct that number"),
     ("-11 -21 -31", "-11 -21", "there are 1 whole frames and 11 values"),
     ("Frames: 2", "Frames: 0", "0 frames of 12 channels are no motion"),
     ("Frames: 2", "Frames: two", "'Frames:' and 'Frame Time:' must follow MOTION"),

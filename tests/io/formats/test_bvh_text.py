@@ -109,6 +109,14 @@ def test_angles_do_not_jump(order: str) -> None:
     assert np.abs(np.diff(angles, axis=0)).max() < 0.5
 
 
+def test_a_file_that_announces_one_frame_fewer_is_read_with_a_warning(tmp_path: Path) -> None:
+    sound = TEXT.replace("nan", "41").replace("-1.#IND", "62")
+    file = opened(tmp_path, sound.replace("Frames: 3", "Frames: 2"))
+    assert len(file.values) == 3 and file.text() == sound.encode()
+    assert "'Frames: 2' announces one frame fewer than there are; all 3 are read" in file.warnings
+    assert opened(tmp_path, sound).warnings == ()
+
+
 def test_damaged_files_are_refused_by_name(tmp_path: Path) -> None:
     sound = TEXT.replace("nan", "41").replace("-1.#IND", "62")
     for spoilt, message in (

@@ -70,6 +70,7 @@ class RawMarkers:
     rotation: np.ndarray | None = field(default=None, repr=False)
     cells: Cells | None = field(default=None, repr=False)  # for text files of markers
     remarks: tuple[str, ...] = ()  # doubts about the file
+    warnings: tuple[str, ...] = ()  # content of the file that is not read
 
 
 @dataclass(frozen=True, eq=False)

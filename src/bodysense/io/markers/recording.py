@@ -24,7 +24,8 @@ from bodysense.io.markers.raw_markers import (
     observed_markers,
     world_of,
 )
-from bodysense.observing.observation import check_observation, joined_points
+from bodysense.observing.observation import check_observation
+from bodysense.observing.points import joined_points
 
 _SHARED = 5  # labels that two subjects share if both are people
 _FARTHEST = 1e9  # m from the origin: well over what a wrong unit makes, which has a better message
@@ -59,7 +60,7 @@ def recording_of(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecor
     if not found.observation.points:
         raise BodysenseError(f"{place}: no joint follows from what is seen of {known.markers.name}; label more markers")
     check_observation(found.observation, place)
-    body = replace(found, remarks=(*raw.remarks, *found.remarks))
+    body = replace(found, remarks=(*raw.remarks, *found.remarks), warnings=(*raw.warnings, *found.warnings))
     if gloves is None:
         return body
     # The body determines unit, axes and floor better than the gloves.
@@ -130,7 +131,13 @@ def _gloves(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
     check_observation(observation, place)
     world = world_of(raw, form)
     return MarkerRecording(
-        observation, raw.frame_rate, check.sizes, (*raw.remarks, *remarks, *check.remarks), raw, world
+        observation,
+        raw.frame_rate,
+        check.sizes,
+        (*raw.remarks, *remarks, *check.remarks),
+        raw,
+        world,
+        warnings=raw.warnings,
     )
 
 

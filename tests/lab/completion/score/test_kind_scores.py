@@ -12,6 +12,7 @@ from bodysense.body.person import Person
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.observing.observation import Observation
+from bodysense.parallel import parallel_map
 from bodysense_lab.completion.kinds.kind_scores import (
     VARIANTS,
     KindJob,
@@ -25,7 +26,6 @@ from bodysense_lab.completion.kinds.lattice import random_edges
 from bodysense_lab.completion.kinds.lattice_scores import score_lattice
 from bodysense_lab.completion.score.scenes import TrackedScene, scene_of
 from bodysense_lab.completion.score.tracking import TrackedMotion
-from bodysense_lab.core.parallel import parallel_map
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import write_bvh
 from bodysense.observing.observation import Observation
+from bodysense.parallel import parallel_map
 from bodysense.quality.metrics import jitter
 from bodysense_lab.completion.data.blinks import FINGER, with_finger
 from bodysense_lab.completion.kinds.lattice_scores import choose_scenes
@@ -36,7 +37,6 @@ from bodysense_lab.completion.score.tables import (
 )
 from bodysense_lab.completion.score.tracking import PeopleTracker, TrackedMotion, TrackPeople, track_people
 from bodysense_lab.completion.training.options import BODIES, BODY_TITLES, TABLE_SETS
-from bodysense_lab.core.parallel import parallel_map
 from bodysense_lab.core.scoring import scored_points, suffix_of
 from bodysense_lab.data.datasets import Census, DataSet
 

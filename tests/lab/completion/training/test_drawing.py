@@ -13,10 +13,10 @@ import pytest
 from drawn_sequences import failing, numbered
 
 from bodysense.errors import BodysenseError
+from bodysense.parallel import prefetched
 from bodysense_lab.completion.data.sequences import Sequence
 from bodysense_lab.completion.training.drawing import Drawing, read_block, write_block
 from bodysense_lab.completion.training.packaged import packaged_sampler
-from bodysense_lab.core.parallel import prefetched
 
 
 def test_a_block_is_read_as_it_was_written(tmp_path: Path) -> None:

@@ -124,6 +124,7 @@ def completion_table(
 ) -> None:
     """Score the tracker on any sensors and proportions: errors, motion, feet, confidence, lattice of sensors."""
     from bodysense.cli.show import wide_console, write_numbers
+    from bodysense.parallel import parallel_map
     from bodysense_lab.completion.score.baselines import cached_mean_body, count_of_split
     from bodysense_lab.completion.score.clip_results import ClipResults
     from bodysense_lab.completion.score.reliability import draw_reliability
@@ -131,7 +132,6 @@ def completion_table(
     from bodysense_lab.completion.score.tables import CompletionSettings, completion_reports
     from bodysense_lab.completion.score.tracking import PeopleTracker, TakeTracker, step_times
     from bodysense_lab.completion.score.worst import draw_worst
-    from bodysense_lab.core.parallel import parallel_map
     from bodysense_lab.core.table import write_csv
     from bodysense_lab.data.clips import open_clips
     from bodysense_lab.data.datasets import Census, census_of, open_data_set
@@ -193,12 +193,12 @@ def kinds(scope: Flat[KindsScope]) -> None:
 
     Random pairs of a set and the same set with one more sensor show whether a sensor ever makes the body worse.
     """
+    from bodysense.parallel import parallel_map
     from bodysense_lab.completion.kinds.kind_scores import kind_jobs, kind_report, score_all
     from bodysense_lab.completion.kinds.lattice import random_edges
     from bodysense_lab.completion.kinds.lattice_scores import FRAMES, choose_scenes, score_lattice
     from bodysense_lab.completion.score.scenes import scene_of
     from bodysense_lab.completion.score.tracking import PeopleTracker
-    from bodysense_lab.core.parallel import parallel_map
     from bodysense_lab.core.scoring import RATE
     from bodysense_lab.data.clips import open_clips
     from bodysense_lab.data.datasets import open_data_set
@@ -241,10 +241,10 @@ def amass_p1(
         limit: number of clips, spread evenly; all if omitted.
         jobs: processes.
     """
+    from bodysense.parallel import parallel_map
     from bodysense_lab.completion.score.amass_p1 import listed_sources, mpjpe_interval, protocol_report, score_source
     from bodysense_lab.completion.score.tables import sample_remark
     from bodysense_lab.completion.score.tracking import PeopleTracker
-    from bodysense_lab.core.parallel import parallel_map
     from bodysense_lab.data.clips import spread_evenly
 
     check_places(json)
@@ -307,11 +307,11 @@ def scenes(
         jobs: processes; one for each core if omitted.
     """
     from bodysense.cli.show import wide_console, write_numbers
+    from bodysense.parallel import parallel_map
     from bodysense_lab.completion.score.scripted.scene_scoring import SETS, SceneWork, scene_jobs, score_headsets
     from bodysense_lab.completion.score.scripted.scene_strips import draw_strips
     from bodysense_lab.completion.score.scripted.scene_tables import merge_scores, scene_numbers, scene_reports
     from bodysense_lab.completion.score.tracking import PeopleTracker
-    from bodysense_lab.core.parallel import parallel_map
     from bodysense_lab.synthesis.scenes import KINDS
 
     check_places(json, sheet)

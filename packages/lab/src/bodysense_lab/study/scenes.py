@@ -17,11 +17,11 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
+from bodysense.parallel import parallel_map
 from bodysense.pictures.animation import write_animation
 from bodysense.pictures.camera import FollowingCamera, Lens, follow_body
 from bodysense.quality.metrics import joint_error
 from bodysense.takes.last_known import Hold
-from bodysense_lab.core.parallel import parallel_map
 from bodysense_lab.core.scoring import RATE, scored_points
 from bodysense_lab.papers.unoc.ik_tracker import Estimator, IkTracker, IkTrackerSettings
 from bodysense_lab.papers.unoc.learned import Learned, load_model

@@ -17,6 +17,7 @@ from torch.optim import Optimizer
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
+from bodysense.parallel import prefetched
 from bodysense_lab.completion.data.batches import RawBatch, SequenceBatch, assembled, cut_batch, whole_clips
 from bodysense_lab.completion.data.corpus import Corpus, CorpusReader
 from bodysense_lab.completion.data.points import JOINTS
@@ -39,7 +40,6 @@ from bodysense_lab.completion.training.losses import (
 )
 from bodysense_lab.core.fit import Task, stream_sequences
 from bodysense_lab.core.options import Schedule
-from bodysense_lab.core.parallel import prefetched
 from bodysense_lab.core.precision import layer_autocast
 
 HEADSET_CATEGORIES = ("sit", "talk_gesture", "everyday", "locomotion", "")  # motions of headset wearers; "" is unknown

@@ -15,9 +15,9 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.clip import Clip
+from bodysense.parallel import worker_pool
 from bodysense_lab.core.fit import announce_run, fit, set_seed_and_threads
 from bodysense_lab.core.options import SplitReader
-from bodysense_lab.core.parallel import worker_pool
 from bodysense_lab.core.progress import with_progress_log
 from bodysense_lab.papers.unoc.network.losses import LossWeights
 from bodysense_lab.papers.unoc.network.network import PAPER, BodyNetwork, BodyNetworkConfig

@@ -12,9 +12,10 @@ from pathlib import Path
 
 import pytest
 
+import bodysense
 import bodysense_lab
 from bodysense.errors import BodysenseError
-from bodysense_lab.core.parallel import parallel_map
+from bodysense.parallel import parallel_map
 
 NUMBERS = [float(number) for number in range(7)]
 ROOTS = [(number, number**0.5) for number in NUMBERS]  # `sqrt`: processes must be able to import the work
@@ -40,7 +41,7 @@ def test_workers_end_with_their_parent(tmp_path: Path, signal_sent: str) -> None
         "    time.sleep(60)\n"
     )
     script = (
-        "from bodysense_lab.core.parallel import parallel_map\n"
+        "from bodysense.parallel import parallel_map\n"
         "from long_work import work\n"
         "list(parallel_map(work, range(2), 2))\n"
     )
@@ -74,8 +75,9 @@ def _runs(process: int) -> bool:
 
 
 def test_every_pool_ends_with_its_parent() -> None:
-    package = Path(bodysense_lab.__file__).parent
-    assert [path.name for path in package.rglob("*.py") if "ProcessPool" in path.read_text()] == ["parallel.py"]
+    packages = [Path(package.__file__).parent for package in (bodysense, bodysense_lab)]
+    files = [path.name for package in packages for path in package.rglob("*.py") if "ProcessPool" in path.read_text()]
+    assert files == ["parallel.py"]
 
 
 @pytest.mark.slow
