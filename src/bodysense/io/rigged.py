@@ -221,7 +221,7 @@ def rigged_of(file: JointFile, options: ReadingOptions = AS_FOUND, *, must_stand
     clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
     clip = checked(clip, (*file.warnings, *rig.warnings), rig.joints.keys(), options)
     height = float(stature(clip.pose.skeleton.rest_offset))
-    if rig.unit_name is not None:  # else the height is the one that the body was scaled to
+    if rig.unit_name:  # else the height is the one that the body was scaled to
         rig = replace(rig, height=height)
     if options.height is not None:
         scale = options.height / height
