@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.shape import stature
 
 # Large parts of a body that a recording may lack, and their joints without sides; the first must be there.
 PARTS = {
@@ -50,11 +49,10 @@ class Clip:
 
 
 def at_height(clip: Clip, height: float) -> Clip:
-    """Scale the body to `height` m, floor to crown, at unchanged proportions and rotations, and the root's path."""
-    skeleton = clip.pose.skeleton
-    scale = height / float(stature(skeleton.rest_offset))
-    skeleton = skeleton.with_offsets(skeleton.rest_offset * scale)
-    return replace(clip, pose=Pose(skeleton, clip.pose.root_position * scale, clip.pose.rotation))
+    """Scale the body to `height` m at unchanged proportions and rotations; the root's path is scaled with it."""
+    skeleton = clip.pose.skeleton.scaled(height)
+    root = clip.pose.root_position * (skeleton.height / clip.pose.skeleton.height)
+    return replace(clip, pose=Pose(skeleton, root, clip.pose.rotation))
 
 
 def parts_lacking(joints: Collection[str]) -> tuple[str, ...]:

@@ -15,7 +15,6 @@ import numpy as np
 
 from bodysense.body.person import TALLEST
 from bodysense.body.pose import Pose
-from bodysense.body.shape import stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_bytes
@@ -220,11 +219,8 @@ def rigged_of(file: JointFile, options: ReadingOptions = AS_FOUND, *, must_stand
     rig = _recognised(file, figure, options)
     clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
     clip = checked(clip, (*file.warnings, *rig.warnings), rig.joints.keys(), options)
-    height = float(stature(clip.pose.skeleton.rest_offset))
-    if rig.unit_name:  # else the height is the one that the body was scaled to
-        rig = replace(rig, height=height)
     if options.height is not None:
-        scale = options.height / height
+        scale = options.height / clip.pose.skeleton.height
         rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)
         clip = at_height(clip, options.height)
     return Rigged(file, figure, rig, clip, options.left_handed)
