@@ -12,6 +12,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -53,10 +54,13 @@ def library_path(name: str) -> Path:
     return ROOT / "src" / "bodysense" / f"{name}{ENDINGS.get(sys.platform, '.so')}"
 
 
-def build(library: Path | None = None, command: list[str] | None = None, name: str = "_core") -> Path:
-    """Compile a shared library of `SOURCES`, in the package's folder if `library` is None."""
+def build(
+    library: Path | None = None, command: list[str] | None = None, name: str = "_core", more: Sequence[Path] = ()
+) -> Path:
+    """Compile a shared library of `SOURCES` and `more`, in the package's folder if `library` is None."""
     library = library_path(name) if library is None else library
     sources = [str(path) for pattern in SOURCES[name] for path in sorted(ROOT.glob(pattern))]
+    sources += [f"-I{ROOT / 'core' / 'include'}", *map(str, more)]
     beside = library.with_name(f"{library.name}.part")  # replaces a library that may be in use
     # With hidden symbols, a .dll exports nothing.
     system = [] if library.suffix == ".dll" else ["-fPIC", "-fvisibility=hidden", "-lm"]

@@ -15,7 +15,7 @@ import shutil
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -54,12 +54,17 @@ TARGETS = (
 )
 
 
-def build_library(target: Target, path: Path, name: str = "_core") -> Path:
-    """Compile a library of `LIBRARIES` for a target."""
+def build_library(target: Target, path: Path, name: str = "_core", more: Sequence[Path] = ()) -> Path:
+    """Compile a library of `LIBRARIES` for a target, with `more` sources."""
     command = [*ZIG, "-target", target.zig, "-mcpu=baseline", "-Wl,-s"]
     path = path.with_suffix(target.ending)
-    runpy.run_path(str(ROOT / "scripts" / "build_core.py"))["build"](path, command, name)
-    return path
+    return runpy.run_path(str(ROOT / "scripts" / "build_core.py"))["build"](path, command, name, more)
+
+
+def require_zig() -> None:
+    """End the program with an install line if there is no compiler for other systems."""
+    if find_spec("ziglang") is None:
+        raise SystemExit("no compiler for other systems: pip install ziglang")
 
 
 def build_wheel(native: Path, libraries: Mapping[str, Path], target: Target, folder: Path) -> Path:
@@ -122,15 +127,14 @@ def main() -> None:
     names = [target.name for target in TARGETS]
     parser.add_argument("--targets", nargs="+", choices=names, default=names, help="systems to build for")
     given = parser.parse_args()
-    if find_spec("ziglang") is None:
-        raise SystemExit("no compiler for other systems: pip install ziglang")
+    require_zig()
     with TemporaryDirectory(prefix="bodysense-") as temporary:
         folder = Path(temporary)
         native = None if given.library else native_wheel(folder)
         for target in TARGETS:
             if target.name not in given.targets:
                 continue
-            library = build_library(target, folder / f"{target.name}{target.ending}")
+            library = build_library(target, folder / target.name)
             if native is None:
                 place = given.library / target.name
                 place.mkdir(parents=True, exist_ok=True)
@@ -139,7 +143,7 @@ def main() -> None:
                 made = Path(shutil.copy(library, place / named))
             else:
                 given.out.mkdir(parents=True, exist_ok=True)
-                fbx = build_library(target, folder / f"{target.name}-fbx{target.ending}", "_fbx")
+                fbx = build_library(target, folder / f"{target.name}-fbx", "_fbx")
                 made = build_wheel(native, {"_core": library, "_fbx": fbx}, target, given.out)
             print(f"{target.name}: {_described(made, library, target)}", flush=True)
 

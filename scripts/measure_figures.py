@@ -39,19 +39,19 @@ from bodysense.io.clip import Clip
 from bodysense.io.markers.formats.c3d import write_c3d
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.observing.observation import EXACT_ACCURACY, Observation
-from bodysense.papers.point_model import load_point_model
 from bodysense.quality.metrics import joint_error
 from bodysense.takes.last_known import KNOWN
 from bodysense.takes.take import Take, track
 from bodysense_lab.core.scoring import group_of
 from bodysense_lab.data.augment import mirrored
-from bodysense_lab.data.clips import open_clips, training_clips
+from bodysense_lab.data.clips import clips_of, open_clips, training_clips
 from bodysense_lab.data.datasets import gather_results
 from bodysense_lab.papers.pahmt.recordings import read_arm_recordings
 from bodysense_lab.papers.paper_options import PaperOptions
 from bodysense_lab.papers.two_hands.system import SETTINGS, networks_of
 from bodysense_lab.papers.two_hands.trials import cut, hands_of, observed
 from bodysense_lab.papers.unoc.options import FingersTraining, TablesTraining
+from bodysense_lab.papers.unoc.point_model import load_point_model
 from bodysense_lab.papers.unoc.score.finger_scores import examples_of, finger_errors
 from bodysense_lab.papers.unoc.score.kept_scores import better_last_known
 from bodysense_lab.papers.unoc.score.tables import PLACES
@@ -226,7 +226,8 @@ def unoc_avatars(data: Path) -> dict[str, float]:
         sets = {name: _clips_of(data, letter, Path(folder) / name) for name, letter in AVATARS.items()}
         for learned, place in sets.items():
             out = Path(folder) / f"{learned}.onnx"
-            train_points(FingersTraining(data=place, out=out, threads=1))
+            run = FingersTraining(data=place, out=out, threads=1)
+            train_points(run, clips_of(run))
             examples, model = examples_of(open_clips(place, "train")), load_point_model("fingers", out)
             work = partial(finger_errors, examples=examples, model=model)
             for tested, other in sets.items():

@@ -21,10 +21,10 @@ unchanged. DATA is a folder of motion or a prepared store.
     bodysense bench occlusion --json FIGURES/occlusion.json
     bodysense bench bvh --json FIGURES/bvh.json
     bodysense bench take --json FIGURES/take.json
-    python scripts/first_body.py --json FIGURES/first-body.json
+    python scripts/figures/first_body.py --json FIGURES/first-body.json
     bodysense bench import --json FIGURES/import.json
     bodysense bench training --json FIGURES/training.json
-    python scripts/measure_hours.py DATA FIGURES/hours.json
+    python scripts/figures/measure_hours.py DATA FIGURES/hours.json
     bodysense data info DATA --occlusion --split test --json FIGURES/hidden.json
     … with --camera.solid-scale 0.8, FIGURES/hidden_thin.json, and with 0.7, FIGURES/hidden_thinner.json
     … with --camera.nose-distance 0, FIGURES/hidden_back.json
@@ -95,9 +95,10 @@ Live, with P processes and N sessions: 1 and 8; 2 and 8, 16, 24, 40.
     bodysense bench live --workers P --sessions N --json FIGURES/live-PxN.json
     bodysense bench live --sessions 20 --share 0.4 --json FIGURES/live-share-20.json
     … the same with 10 sessions, into FIGURES/live-share-10.json
-    python scripts/measure_page.py FIGURES/page.json
-    python scripts/measure_page.py FIGURES/page-endurance.json
+    python scripts/figures/measure_page.py FIGURES/page.json
+    python scripts/figures/measure_page.py FIGURES/page-endurance.json
     python scripts/build_image.py --json FIGURES/image.json
+    python scripts/build_packages.py --json FIGURES/packages.json
 """
 
 from __future__ import annotations
@@ -106,22 +107,19 @@ import shutil
 import sys
 from pathlib import Path
 
-from figures import completion, conform, gloves, hours, live, markers, occlusion, page, papers, speed, video
-from figures.blocks import ROOT, read_measured, write_blocks
+from figures.described import write_descriptions
 from figures.rows import write_rows
+from figures.tables import ROOT, read_measured, read_templates, write_blocks
 from PIL import Image
-
-BLOCKS = tuple(
-    block
-    for module in (completion, conform, gloves, hours, live, markers, occlusion, page, papers, speed, video)
-    for block in module.BLOCKS
-)
 
 
 def main(folder: Path) -> None:
     """Replace the text of every block and the pictures whose figures are in `folder`, then the rows of the papers."""
-    write_blocks(BLOCKS, read_measured(folder))
-    write_rows()
+    blocks, rows = read_templates()
+    measured = read_measured(folder)
+    write_blocks(blocks, measured)
+    write_descriptions(measured)
+    write_rows(rows)
     if (drawn := folder / "demo" / "demo.webp").is_file():
         shutil.copyfile(drawn, ROOT / "docs" / "figures" / "demo.webp")
     if (drawn := folder / "pahmt-table1.png").is_file():

@@ -248,7 +248,7 @@ def small_arms(exported_once: ExportedOnce, small_arms_weights: Path) -> Path:
 def quick_completion(monkeypatch: pytest.MonkeyPatch) -> None:
     """Train the completion network on four sequences side by side instead of 96, and round no weights: both take long.
 
-    tests/lab/completion/test_rounding.py rounds them.
+    tests/lab/completion/networks/test_rounding.py rounds them.
     """
     from bodysense_lab.completion.networks import publish
     from bodysense_lab.completion.training import task
@@ -261,9 +261,7 @@ def quick_completion(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run the laboratory's other processes as threads: each process would import PyTorch."""
-    monkeypatch.setattr(
-        "bodysense_lab.core.parallel.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1)
-    )
+    monkeypatch.setattr("bodysense.parallel.ProcessPoolExecutor", lambda *given, **options: ThreadPoolExecutor(1))
 
 
 @pytest.fixture

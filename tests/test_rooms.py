@@ -20,6 +20,7 @@ FLOORS: dict[str, float] = {
     "ranges": -1,  # of options
     "weights": -1,
     "arrays": -0.5,
+    "parallel": -0.5,
     "tensors": -0.5,
     "geometry": -0.3,
     "body": 0,
@@ -30,7 +31,6 @@ FLOORS: dict[str, float] = {
     "devices": 3,
     "demo": 3,
     "pictures": 4,
-    "papers": 4,
     "sources": 5,
     "takes": 6,
     "cli": 8,

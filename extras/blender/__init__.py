@@ -6,14 +6,13 @@ import bpy
 
 from .live import BODYSENSE_OT_receive
 from .operators import BODYSENSE_OT_complete, BODYSENSE_OT_fill
-from .preferences import BodysensePreferences
 
-_CLASSES = (BodysensePreferences, BODYSENSE_OT_fill, BODYSENSE_OT_complete, BODYSENSE_OT_receive)
+_CLASSES = (BODYSENSE_OT_fill, BODYSENSE_OT_complete, BODYSENSE_OT_receive)
 
 
 def _draw(menu: bpy.types.Menu, context: bpy.types.Context) -> None:
     menu.layout.separator()
-    for operator in _CLASSES[1:]:
+    for operator in _CLASSES:
         menu.layout.operator_context = "INVOKE_DEFAULT"
         menu.layout.operator(operator.bl_idname)
 

@@ -27,7 +27,7 @@ class Joint:
 
 
 def safe_names(names: Sequence[str]) -> list[str]:
-    """Return names that a BVH file and `--missing` can carry."""
+    """Return names that a BVH file and a list of holes can carry."""
     safe = [re.sub(r"[\s,+{}]", "_", name) for name in names]
     twice = sorted({name for name in safe if safe.count(name) > 1})
     if twice:
@@ -79,5 +79,5 @@ def read_rows(text: str, joints: Sequence[Joint]) -> list[list[float]]:
     channels = [tuple(line.split()) for line in re.findall(r"CHANNELS\s+\d+\s+(.*)", head)]
     expected = [CHANNELS if joint.parent >= 0 else (*_PLACE, *CHANNELS) for joint in joints]
     if names != [joint.name for joint in joints] or channels != expected:
-        raise Fault("bodysense wrote other bones than it read; install the version that came with this add-on")
+        raise Fault("bodysense wrote other bones than it read; install the extension again")
     return [[float(number) for number in line.split()] for line in motion.strip().splitlines()[2:]]

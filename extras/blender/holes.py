@@ -1,4 +1,4 @@
-"""Missing frames of bones, and their text for `bodysense track --missing`. Pure Python."""
+"""Missing frames of bones, and their text for the argument `missing` of `bodysense.track`. Pure Python."""
 
 from __future__ import annotations
 

@@ -6,18 +6,20 @@ the status bar, and whether the job waits.
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import bpy
 
 from . import armature
 from .bvh import read_rows, write_bvh
 from .fault import Fault
-from .process import environment, error_line, progress
+from .process import command, environment, error_line, progress
 
 Steps = Iterator[tuple[str, bool]]
 _LONGEST = 65_536  # bytes of the last output, for the newest progress
@@ -28,7 +30,7 @@ def steps(
     thing: bpy.types.Object,
     frames: tuple[int, int],
     holes: Mapping[str, set[int]],
-    command: Callable[[str, str, Mapping[str, str]], list[str]],
+    settings: Callable[[Mapping[str, str]], dict[str, Any]],
     name: str,
 ) -> Steps:
     """Run a job.
@@ -38,7 +40,7 @@ def steps(
         thing: the armature.
         frames: the first and the last.
         holes: bone → frames that get keys.
-        command: the command line from the take's path, the answer's, and bone → its name in BVH.
+        settings: the arguments of `bodysense.track` from bone → its name in BVH.
         name: of the new action.
     """
     first, last = frames
@@ -55,7 +57,7 @@ def steps(
     with tempfile.TemporaryDirectory(prefix="bodysense-") as folder:
         take, out, printed = (Path(folder) / name for name in ("take.bvh", "out.bvh", "printed.txt"))
         take.write_text(write_bvh(joints, rows, scene.render.fps_base / scene.render.fps), encoding="utf-8")
-        yield from _run(command(str(take), str(out), names), printed)
+        yield from _run(command(str(take), str(out)), json.dumps(settings(names)), printed)
         answer = read_rows(out.read_text(encoding="utf-8"), joints)
     if len(answer) != len(rows):
         raise Fault(f"bodysense returned {len(answer)} frames of {len(rows)}")
@@ -65,15 +67,17 @@ def steps(
     scene.frame_set(current)
 
 
-def _run(command: list[str], printed: Path) -> Steps:
-    """Run a command to its end; raise its one-line error."""
-    with printed.open("wb") as out:
+def _run(words: list[str], given: str, printed: Path) -> Steps:
+    """Run a command to its end with `given` as its input; raise its one-line error."""
+    read = printed.with_name("given.json")
+    read.write_text(given, encoding="utf-8")
+    with printed.open("wb") as out, read.open("rb") as given_file:
         try:
             process = subprocess.Popen(
-                command, stdout=out, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=environment(os.environ)
+                words, stdout=out, stderr=subprocess.STDOUT, stdin=given_file, env=environment(os.environ)
             )
         except OSError as error:
-            raise Fault(f"{command[0]}: cannot be started: {error.strerror}; see the add-on's preferences") from None
+            raise Fault(f"{words[0]}: Blender's Python cannot be started: {error.strerror}") from None
     try:
         while process.poll() is None:
             done = progress(printed.read_bytes()[-_LONGEST:].decode("utf-8", "replace"))

@@ -1,6 +1,8 @@
 """Operators that call bodysense: fill the holes of an armature, complete it from tracked bones."""
 
 import time
+from collections.abc import Mapping
+from typing import Any
 
 import bpy
 
@@ -8,8 +10,6 @@ from . import armature, job
 from .fault import Fault
 from .holes import missing_text, unkeyed
 from .humanoid import DEVICES, device_of
-from .preferences import start_words
-from .process import complete_command, fill_command
 
 _TICK = 0.05  # s between two polls of the process
 _SLICE = 0.03  # s of work in one poll
@@ -91,7 +91,7 @@ class BODYSENSE_OT_fill(_Modal, bpy.types.Operator):
 
     def steps(self, context: bpy.types.Context) -> job.Steps:
         """Return the steps of the job."""
-        thing, start = armature.active_armature(context), start_words(context)
+        thing = armature.active_armature(context)
         frames = armature.action_frames(thing)
         bones = [bone.name for bone in armature.tree(thing)]
         if self.holes == "UNKEYED":
@@ -107,12 +107,12 @@ class BODYSENSE_OT_fill(_Modal, bpy.types.Operator):
         if not found:
             raise Fault("nothing is missing; select pose bones below the root, or choose frames without keys")
 
-        def command(take: str, out: str, names: dict[str, str]) -> list[str]:
+        def settings(names: Mapping[str, str]) -> dict[str, Any]:
             holes = {names[bone]: frames for bone, frames in found.items()}
-            return fill_command(start, take, out, missing_text(holes, frames[0]))
+            return {"missing": missing_text(holes, frames[0])}
 
         name = f"{thing.animation_data.action.name} filled"
-        return job.steps(context.scene, thing, frames, found, command, name)
+        return job.steps(context.scene, thing, frames, found, settings, name)
 
 
 class BODYSENSE_OT_complete(_Modal, bpy.types.Operator):
@@ -136,7 +136,7 @@ class BODYSENSE_OT_complete(_Modal, bpy.types.Operator):
 
     def steps(self, context: bpy.types.Context) -> job.Steps:
         """Return the steps of the job."""
-        thing, start = armature.active_armature(context), start_words(context)
+        thing = armature.active_armature(context)
         frames = armature.action_frames(thing)
         bones = [bone.name for bone in armature.tree(thing)]
         device = self.device
@@ -144,11 +144,10 @@ class BODYSENSE_OT_complete(_Modal, bpy.types.Operator):
             device = device_of([bone.name for bone in selected(thing)], bones)
         every = set(range(frames[0], frames[1] + 1))
 
-        def command(take: str, out: str, names: dict[str, str]) -> list[str]:
-            return complete_command(start, take, out, device)
-
         name = f"{thing.animation_data.action.name} completed"
-        return job.steps(context.scene, thing, frames, dict.fromkeys(bones, every), command, name)
+        return job.steps(
+            context.scene, thing, frames, dict.fromkeys(bones, every), lambda names: {"device": device}, name
+        )
 
 
 def selected(thing: bpy.types.Object) -> list[bpy.types.PoseBone]:

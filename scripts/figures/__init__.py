@@ -1,1 +1,1 @@
-"""Tables of figures in README, docs and model cards, one module for each subject; see `scripts/write_figures.py`."""
+"""Templates of measured tables, and measurements of the machine; see `scripts/write_figures.py`."""

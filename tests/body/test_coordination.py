@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bodysense.body import gaps
 from bodysense.body.coordination import NOISE, ROOT, Coordination, coordination, deviations
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
+from bodysense.geometry import gaps
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 
 RATE = 30.0

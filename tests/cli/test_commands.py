@@ -158,7 +158,14 @@ def test_options_of_track_are_in_groups(capsys: pytest.CaptureFixture[str]) -> N
         main(["track", "--help"])
     parts = re.split(r"(?m)^ ([a-z ]*(?:arguments|options)) *\n -+ *$", capsys.readouterr().out)
     groups = dict(zip(parts[1::2], parts[2::2], strict=True))
-    assert list(groups) == ["positional arguments", "options", "markers options", "video options", "reading options"]
+    assert list(groups) == [
+        "positional arguments",
+        "options",
+        "markers options",
+        "video options",
+        "reading options",
+        "many options",
+    ]
     for option, group in (("--names", "markers"), ("--overlay", "video"), ("--unit", "reading"), ("--device", "")):
         found = [name for name, text in groups.items() if re.search(rf"(?m)^ {{1,4}}{option}\b", text)]
         assert found == [f"{group} options".strip()]

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from figures.blocks import ROOT, put
-from figures.conform import BLOCKS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -66,12 +64,6 @@ def test_every_check_has_a_reason_and_sensible_limits() -> None:
         assert check.why.endswith("."), check.id
         assert check.least is None or check.most is None or check.least < check.most, check.id
         assert np.isfinite(reduced(check.statistic, np.ones(50), 10, 0.1)), check.id
-
-
-def test_the_page_has_the_table() -> None:
-    (block,) = BLOCKS
-    page = (ROOT / block.page).read_text(encoding="utf-8")
-    assert put(page, block.name, block.text()) == page, "run: python scripts/write_figures.py FIGURES"
 
 
 @settings(max_examples=3)

@@ -14,8 +14,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.tracking import core
 
 ROOT = Path(__file__).parents[2]
-HEADER, ENGINES = ROOT / "core" / "include" / "bodysense.h", ROOT / "extras" / "engines"
-NATIVE = (ENGINES / "unity" / "BodySenseNative.cs").read_text(encoding="utf-8")
+HEADER, EXTRAS = ROOT / "core" / "include" / "bodysense.h", ROOT / "extras"
+NATIVE = (EXTRAS / "unity" / "Runtime" / "BodySenseNative.cs").read_text(encoding="utf-8")
 STRUCTS = ("bs_length", "bs_mount", "bs_person", "bs_settings", "bs_observation", "bs_estimate")
 CONSTANTS = ("BS_VERSION", "BS_JOINTS", "BS_POINTS", "BS_CONTACTS", "BS_LENGTHS")
 SIZES = {"int": 4, "byte": 1, "double": 8}  # of C#'s plain types
@@ -187,9 +187,9 @@ def test_functions_of_python() -> None:
     assert not known
 
 
-@pytest.mark.parametrize("listing", ["unity/Body.cs", "bodysense.hpp"])
+@pytest.mark.parametrize("listing", ["unity/Runtime/Body.cs", "engines/bodysense.hpp"])
 def test_parents_of_listings(listing: str) -> None:
-    text = (ENGINES / listing).read_text(encoding="utf-8")
+    text = (EXTRAS / listing).read_text(encoding="utf-8")
     found = re.search(r"(?:Parents|PARENTS)[^{;]*=\s*{(.*?)}", text, re.DOTALL)
     assert found is not None
     assert [int(word) for word in found[1].split(",")] == list(default_skeleton().parents[: core.JOINTS])

@@ -14,11 +14,12 @@ from .twin.step import Twin
 from .twin.vectors import Tie
 
 DISTANCE = 1e-4  # m
-CONTACT = (
-    5e-4  # probability: frames between advances read the twin's states, of which a byte may round to its other side
-)
+CONTACT = 1e-4  # probability
+# Between two advances of the memory the core keeps no states of its lower layer, so that the twin's own are rounded to
+# bytes, of which one may be the next of 127 steps: these tolerances are then wider.
+BETWEEN_ADVANCES, BOUND_SHARE = 10, 1e-3  # times the tolerance, and a share of a value, of bounds of metres
 FINGER_AXIS = 1e-3  # of a rotation matrix: products round what they read to 16 bits
-STATE = 1e-3  # of a recurrent layer's states: another of 127 steps, times a weight
+STATE = 5e-4  # of a recurrent layer's states
 MEMORY_HEADER = 140  # numbers of a memory before those of the recurrent layers
 
 
@@ -56,7 +57,8 @@ def check(case: Case) -> None:
         twin.memory.hidden, twin.memory.hands = body, hands
         for name, most in (("confidence", DISTANCE), ("bound", DISTANCE), ("contact", CONTACT)):
             values = getattr(estimate, name)[0]
-            np.testing.assert_allclose(getattr(own, name), values, rtol=0, atol=most, err_msg=f"{name} of {what}")
+            share, off = (0.0, most) if twin.memory.advances else (BOUND_SHARE, most * BETWEEN_ADVANCES)
+            np.testing.assert_allclose(getattr(own, name), values, rtol=share, atol=off, err_msg=f"{name} of {what}")
         fingers = quaternion_to_matrix(estimate.pose.rotation[0, np.concatenate(HAND_JOINTS)])
         np.testing.assert_allclose(own.fingers, fingers, rtol=0, atol=FINGER_AXIS, err_msg=f"fingers of {what}")
 
@@ -71,6 +73,6 @@ def test_core_equals_its_twin(device: str, data: st.DataObject) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 @given(data=st.data())
-@settings(max_examples=12, derandomize=True)
+@settings(max_examples=8, derandomize=True)
 def test_core_equals_its_twin_for_longer(device: str, data: st.DataObject) -> None:
     check(data.draw(cases(device, 50)))

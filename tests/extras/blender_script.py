@@ -1,6 +1,6 @@
 """Blender's side of the test of the add-on: run by Blender, writes what it found as JSON."""
 
-# ruff: noqa: E402, SIM115
+# ruff: noqa: SIM115
 # pyright: reportMissingImports=false
 
 import json
@@ -9,27 +9,38 @@ import sys
 import time
 import types
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-folder, take, program, packets, out = sys.argv[sys.argv.index("--") + 1 :]
-sys.path.insert(0, folder)
+folder, take, packets, out = sys.argv[sys.argv.index("--") + 1 :]
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.ops.preferences.addon_enable(module="io_anim_bvh")
-# Debian's Blender 3.4 runs on Python 3.11, which no longer knows the mode 'rU' that its own reader asks for.
-import io_anim_bvh.import_bvh
+if hasattr(bpy.ops, "extensions") and bpy.app.version >= (4, 2):  # installed from the listing, as from a repository
+    bpy.context.preferences.system.use_online_access = True  # Blender asks for it before any repository
+    repositories = bpy.context.preferences.extensions.repos
+    listing = (Path(folder) / "index.json").as_uri()
+    repository = repositories.new(name="bodysense", module="ours", remote_url=listing)
+    index = list(repositories).index(repository)
+    bpy.ops.extensions.repo_sync(repo_index=index)
+    bpy.ops.extensions.package_install(repo_index=index, pkg_id="bodysense", enable_on_install=True)
+    PACKAGE = "bl_ext.ours.bodysense"
+else:  # Debian's Blender 3.4 has no extension system: the archive is unpacked, its wheels, too
+    # It runs on Python 3.11, which no longer knows the mode 'rU' that its own reader of BVH asks for.
+    import io_anim_bvh.import_bvh
 
-io_anim_bvh.import_bvh.open = lambda path, mode="r", **more: open(path, mode.replace("U", ""), **more)
-# It has no extension system: the package is an add-on there.
-bpy.context.preferences.addons.new().module = "bodysense_addon"
-import bodysense_addon
-
-bodysense_addon.register()
-bpy.context.preferences.addons["bodysense_addon"].preferences.path = program
-from bodysense_addon import armature, live, operators, osc
-from bodysense_addon.humanoid import UNITY, joints_of
+    io_anim_bvh.import_bvh.open = lambda path, mode="r", **more: open(path, mode.replace("U", ""), **more)
+    sys.path[:0] = [folder, str(Path(folder) / "wheels")]
+    PACKAGE = "bodysense_addon"
+    bpy.context.preferences.addons.new().module = PACKAGE
+    import_module(PACKAGE).register()
+addon: Any = import_module(PACKAGE)
+NAMES = ("armature", "live", "operators", "osc", "process", "humanoid")
+modules: tuple[Any, ...] = tuple(import_module(f"{PACKAGE}.{name}") for name in NAMES)
+armature, live, operators, osc, process, humanoid = modules
+UNITY, joints_of = humanoid.UNITY, humanoid.joints_of
 
 ARM, FOREARM, HAND = (f"mixamorig:Left{part}" for part in ("Arm", "ForeArm", "Hand"))
 bpy.context.scene.render.fps = 30
@@ -102,11 +113,13 @@ found["completed"] = {"places": places(*WATCHED)}
 
 thing.animation_data.action = whole
 found["refused"] = [refused(holes="SELECTED", first=41, last=9999), refused(holes="UNKEYED")]
-bpy.context.preferences.addons["bodysense_addon"].preferences.path = program + "x"
 select(ARM)
+searched, process.find_spec = process.find_spec, lambda name: None
 found["refused"].append(refused(holes="SELECTED", first=41, last=81))
-
-bpy.context.preferences.addons["bodysense_addon"].preferences.path = program
+process.find_spec = searched
+plain, process.command.__defaults__ = process.command.__defaults__, ("/no/python",)
+found["refused"].append(refused(holes="SELECTED", first=41, last=81))
+process.command.__defaults__ = plain
 
 
 # A Blender without a window has no timer: what it would call is called here.
@@ -126,7 +139,7 @@ class Window:
 
 def ticked(operator: type, stop: Callable[[list], bool], **given: object) -> dict[str, object]:
     """Execute an operator, tick until it ends or until `stop(texts)`, then press Esc."""
-    ours = [base for base in reversed(operator.__mro__) if base.__module__.startswith("bodysense_addon")]
+    ours = [base for base in reversed(operator.__mro__) if base.__module__.startswith(PACKAGE)]
     plain = {
         name: value for base in ours for name, value in vars(base).items() if isinstance(value, types.FunctionType)
     }
@@ -148,12 +161,10 @@ operators.bpy = live.bpy = interface
 hole = {"holes": "SELECTED", "first": 41, "last": 81}
 thing.animation_data.action = whole
 select(ARM, FOREARM)
-found["ticked"] = ticked(bodysense_addon.BODYSENSE_OT_fill, lambda texts: False, **hole)
+found["ticked"] = ticked(addon.BODYSENSE_OT_fill, lambda texts: False, **hole)
 found["ticked"]["action"] = thing.animation_data.action.name
 thing.animation_data.action = whole
-found["cancelled"] = ticked(
-    bodysense_addon.BODYSENSE_OT_fill, lambda texts: "bodysense starts (Esc cancels)" in texts, **hole
-)
+found["cancelled"] = ticked(addon.BODYSENSE_OT_fill, lambda texts: "bodysense starts (Esc cancels)" in texts, **hole)
 found["cancelled"]["same"] = thing.animation_data.action == whole
 
 sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -173,7 +184,7 @@ def heard(texts: list) -> bool:
 
 bpy.context.scene.frame_set(5)
 receive = {"address": "127.0.0.1", "port": port, "scale": 1.0, "record": True}
-found["received"] = ticked(bodysense_addon.BODYSENSE_OT_receive, heard, **receive)
+found["received"] = ticked(addon.BODYSENSE_OT_receive, heard, **receive)
 found["received"]["keys"] = curves()
 
 thing.animation_data.action = None
@@ -189,5 +200,5 @@ for packet in json.loads(Path(packets).read_text()):
                 for ours in ("pelvis", "head", "left_wrist", "right_ankle", "left_index3")
             }
         )
-bodysense_addon.unregister()
+addon.unregister()
 Path(out).write_text(json.dumps(found))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import importlib.util
+import json
 import re
 import struct
+import subprocess
 import sys
 import tomllib
 import types
-import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +17,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
+import bodysense
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.clip import Clip
@@ -107,36 +108,47 @@ def test_random_bytes_only_raise_value_errors(addon: types.SimpleNamespace) -> N
     assert 0 < refused < 500
 
 
-def test_which_program_is_called(addon: types.SimpleNamespace) -> None:
-    launcher = addon.process.launcher
-    assert launcher("/opt/bodysense", "/bin/bodysense", "/bin/uvx", "x") == ["/opt/bodysense"]
-    assert launcher("", "/bin/bodysense", "/bin/uvx", "x") == ["/bin/bodysense"]
-    assert launcher("", None, "/bin/uvx", "/src/x") == ["/bin/uvx", "--from", "/src/x", "bodysense"]
-    for uvx, source in (("/bin/uvx", ""), (None, "/src/x")):
-        with pytest.raises(addon.fault.Fault, match="not on the PATH; in the add-on's preferences"):
-            launcher("", None, uvx, source)
-
-
-def test_command_lines(addon: types.SimpleNamespace) -> None:
+def test_the_command_is_that_of_blenders_python(addon: types.SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
     process = addon.process
-    assert process.fill_command(["b"], "in.bvh", "out.bvh", "arm:3-9") == (
-        ["b", "track", "in.bvh", "-o", "out.bvh", "--missing", "arm:3-9"]
-    )
-    assert process.complete_command(["b"], "in.bvh", "out.bvh", "head") == (
-        ["b", "track", "in.bvh", "-o", "out.bvh", "--device", "head", "--rig", "source"]
-    )
-    with pytest.raises(addon.fault.Fault, match="too many for one command"):
-        process.fill_command(["b"], "in.bvh", "out.bvh", "a" * 40_000)
+    words = process.command("in.bvh", "out.bvh", "/blender/python")
+    packages = str(Path(bodysense.__file__).parents[1])
+    assert words == ["/blender/python", str(FOLDER / "worker.py"), packages, "in.bvh", "out.bvh"]
+    monkeypatch.setattr(process, "find_spec", lambda name: None)
+    with pytest.raises(addon.fault.Fault, match="wheels are not installed; use Get Extensions"):
+        process.command("in.bvh", "out.bvh")
+
+
+def run_worker(addon: types.SimpleNamespace, folder: Path, given: dict[str, str]) -> tuple[int, str]:
+    """Status and output of the worker on the performance in Mixamo's rig."""
+    take, out = folder / "take.bvh", folder / "out.bvh"
+    write_motion(take, Clip("performance", packaged_performance().pose[:60], 30.0), "mixamo")
+    words = addon.process.command(str(take), str(out))
+    done = subprocess.run(words, input=json.dumps(given), capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_the_worker_completes_a_take_in_its_own_rig(addon: types.SimpleNamespace, tmp_path: Path) -> None:
+    status, printed = run_worker(addon, tmp_path, {"missing": "LeftArm,LeftForeArm:20-30"})
+    assert (status, addon.process.progress(printed)) == (0, 100)
+    filled, whole = read_bvh(tmp_path / "out.bvh"), read_bvh(tmp_path / "take.bvh")
+    assert filled.pose.skeleton.joints == whole.pose.skeleton.joints
+    arm = whole.pose.skeleton.index("mixamorig:LeftArm")
+    moved = np.abs(filled.pose.rotation - whole.pose.rotation)[:, arm].max(axis=-1) > 1e-4
+    assert moved[20:31].any() and not moved[:20].any() and not moved[31:].any()
+
+
+def test_the_workers_error_is_one_line(addon: types.SimpleNamespace, tmp_path: Path) -> None:
+    status, printed = run_worker(addon, tmp_path, {"missing": "tail:3-9"})
+    assert status == 1
+    assert "tail" in addon.process.error_line(printed, status)
+    assert "Traceback" not in printed
 
 
 def test_progress_and_the_last_line_of_an_error(addon: types.SimpleNamespace) -> None:
     process = addon.process
-    assert process.progress("\x1b[2Ktracking take.bvh \x1b[91m━━\x1b[0m") is None
-    printed = "tracking \x1b[35m  7%\x1b[0m \x1b[36m0:00:01\x1b[0m\r\x1b[2Ktracking \x1b[35m 43%\x1b[0m"
-    assert process.progress(printed) == 43
-    assert (
-        process.error_line(printed + "\n\x1b[?25hbodysense: take.bvh: no body\n", 1) == "bodysense: take.bvh: no body"
-    )
+    assert process.progress("") is None
+    assert process.progress("0 %\n7 %\n43 %\n") == 43
+    assert process.error_line("0 %\n12 %\ntake.bvh: no body\n13 %\n", 1) == "take.bvh: no body"
     assert process.error_line("", 9) == "bodysense ended with status 9 and no message"
     assert process.environment({"A": "b"})["A"] == "b"
 
@@ -210,26 +222,12 @@ def test_the_manifest_is_of_schema_1() -> None:
     assert manifest["schema_version"] == "1.0.0"
     assert re.fullmatch(r"[a-z_][a-z0-9_]*", manifest["id"])
     assert re.fullmatch(r"\d+\.\d+\.\d+", manifest["version"])
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert manifest["license"] == [f"SPDX:{project['license']}"]
+    assert manifest["license"] == ["SPDX:MIT"] and (FOLDER / "LICENSE").read_text().startswith("MIT License")
+    assert manifest["version"] == bodysense.__version__
     assert manifest["type"] == "add-on"
     assert manifest["blender_version_min"] == "4.2.0"
     # Blender refuses longer taglines and reasons, and those that end with punctuation.
     for text in (manifest["tagline"], *manifest["permissions"].values()):
         assert 0 < len(text) <= 64
         assert text[-1].isalnum()
-    assert "wheels" not in manifest
-
-
-def test_the_zip_has_the_addon_and_no_numpy(tmp_path: Path) -> None:
-    spec = importlib.util.spec_from_file_location("build_blender", ROOT / "scripts" / "build_blender.py")
-    assert spec is not None
-    assert spec.loader is not None
-    builder = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(builder)
-    names = builder.build(tmp_path / "addon.zip")
-    with zipfile.ZipFile(tmp_path / "addon.zip") as archive:
-        assert sorted(archive.namelist()) == sorted(names)
-        assert {"__init__.py", "blender_manifest.toml", "LICENSE"} <= set(names)
-        for name in names:
-            assert not re.search(rb"^\s*(?:import|from) numpy", archive.read(name), re.MULTILINE), name
+    assert "wheels" not in manifest and "platforms" not in manifest  # `scripts/build_packages.py` adds them

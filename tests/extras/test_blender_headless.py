@@ -1,13 +1,15 @@
-"""The add-on in Debian's Blender: holes are filled, known bones are unchanged, live poses match the server's."""
+"""The extension in Debian's Blender and in the module `bpy`.
+
+Holes are filled, known bones are unchanged, live poses match the server's.
+"""
 
 from __future__ import annotations
 
-import importlib.util
 import json
+import os
 import re
 import shutil
 import subprocess
-import sys
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -22,7 +24,8 @@ from bodysense.io.motion_files import write_motion
 from bodysense_live.protocols.vmc import vmc_packets
 
 pytestmark = [pytest.mark.slow, pytest.mark.blender]
-ROOT = Path(__file__).parents[2]
+# Pythons with PyPI's module `bpy`, which has Blender 4.2 or later, separated as in PATH.
+MODULES = tuple(path for path in os.environ.get("BPY_PYTHONS", "").split(os.pathsep) if path)
 FRAMES, HOLE = 120, slice(40, 81)  # of the take; Blender's frames begin at 1
 LIVE = (0, 60, 110)
 
@@ -32,37 +35,36 @@ def clip() -> Clip:
     return Clip("performance", packaged_performance().pose[:FRAMES], 30.0)
 
 
-@pytest.fixture(scope="module")
-def found(clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    blender = shutil.which("blender")
-    if blender is None:
+@pytest.fixture(scope="module", params=("blender", *MODULES))
+def found(
+    request: pytest.FixtureRequest, clip: Clip, packages: Path, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Any]:
+    """Run the script in Debian's Blender, or in a Python with the module `bpy`."""
+    program = request.param if request.param in MODULES else shutil.which("blender")
+    if program is None:
         pytest.skip("no blender on this machine: apt-get install blender")
     folder = tmp_path_factory.mktemp("blender")
-    spec = importlib.util.spec_from_file_location("build_blender", ROOT / "scripts" / "build_blender.py")
-    assert spec is not None
-    assert spec.loader is not None
-    builder = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(builder)
-    builder.build(folder / "addon.zip")
-    with zipfile.ZipFile(folder / "addon.zip") as archive:
-        archive.extractall(folder / "bodysense_addon")
+    (archive,) = (packages / "blender").glob("*.zip")
     write_motion(folder / "take.bvh", clip, "mixamo")
-    program = folder / "bodysense"
-    paths = ":".join(path for path in sys.path if path)
-    # It ends a little late, so that the last progress is seen on any machine.
-    run = f"PYTHONPATH='{paths}' '{sys.executable}' -m bodysense \"$@\""
-    program.write_text(f"#!/bin/sh\n{run}\nstatus=$?\nsleep 0.3\nexit $status\n")
-    program.chmod(0o755)
     packets = [packet.hex() for k in LIVE for packet in vmc_packets(clip.pose[k], k / 30)]
     (folder / "packets.json").write_text(json.dumps(packets))
-    begin = f"{blender} --background --factory-startup --python-exit-code 3 --python".split()
-    given = [str(folder), *(str(folder / name) for name in ("take.bvh", "bodysense", "packets.json", "found.json"))]
+    start, place = [program], archive.parent
+    if program not in MODULES:
+        start += ["--background", "--factory-startup", "--python-exit-code", "3", "--python"]
+        place = folder
+        with zipfile.ZipFile(archive) as extension:
+            extension.extractall(folder / "bodysense_addon")
+        for wheel in (folder / "bodysense_addon" / "wheels").glob("*.whl"):
+            with zipfile.ZipFile(wheel) as package:
+                package.extractall(folder / "wheels")
+    given = [str(place), *(str(folder / name) for name in ("take.bvh", "packets.json", "found.json"))]
     ran = subprocess.run(
-        [*begin, str(Path(__file__).parent / "blender_script.py"), "--", *given],
+        [*start, str(Path(__file__).parent / "blender_script.py"), "--", *given],
         capture_output=True,
         text=True,
         timeout=480,
         check=False,
+        env={**os.environ, "PYTHONPATH": "", "BLENDER_USER_RESOURCES": str(folder / "user")},
     )
     assert ran.returncode == 0, ran.stdout[-3000:] + ran.stderr[-3000:]
     return json.loads((folder / "found.json").read_text())
@@ -104,10 +106,11 @@ def test_a_body_is_completed_from_head_and_hands(found: dict[str, Any]) -> None:
 
 
 def test_refusals_are_one_line(found: dict[str, Any]) -> None:
-    frames, nothing, program = (line.strip() for line in found["refused"])
+    frames, nothing, wheels, program = (line.strip() for line in found["refused"])
     assert frames == "Error: frames 41-9999: the action has 1-120; give a part of it"
     assert nothing.startswith("Error: nothing is missing; select pose bones")
-    assert "cannot be started: No such file or directory; see the add-on's preferences" in program
+    assert "wheels are not installed; use Get Extensions, Install from Disk" in wheels
+    assert program == "Error: /no/python: Blender's Python cannot be started: No such file or directory"
 
 
 def test_live_poses_are_the_servers(found: dict[str, Any], clip: Clip) -> None:

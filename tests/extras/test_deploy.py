@@ -14,6 +14,7 @@ import tomllib
 import urllib.request
 from contextlib import suppress
 from dataclasses import fields
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -173,6 +174,27 @@ def test_every_container_runs_without_rights() -> None:
     assert re.search(r"^USER 10001$", last, re.MULTILINE)
 
 
+def installed_with(name: str, extras: tuple[str, ...], found: set[str]) -> set[str]:
+    """Names of a package and of all that it needs on this machine."""
+    requirements = pytest.importorskip("packaging.requirements")
+    found.add(name.lower().replace("_", "-"))
+    for line in metadata.distribution(name).requires or []:
+        needed = requirements.Requirement(line)
+        wanted = needed.marker is None or any(needed.marker.evaluate({"extra": extra}) for extra in ("", *extras))
+        if wanted and (needed.extras or needed.name.lower().replace("_", "-") not in found):
+            installed_with(needed.name, tuple(needed.extras), found)
+    return found
+
+
+def test_credits_name_every_package_of_the_image() -> None:
+    (line,) = re.findall(r'"/src/packages/live\[(\w+)\]"', DOCKERFILE)
+    page = (ROOT / "docs" / "credits.md").read_text().partition("What packages and the image bring")[2]
+    named = re.sub(r"[ _]", "-", page.partition("\n## ")[0].lower())
+    packages = {"onnxruntime": "onnx-runtime"}
+    for name in installed_with("bodysense-live", (line,), set()):
+        assert re.search(rf"\b{packages.get(name, name)}\b", named), name
+
+
 def test_the_citation_is_of_this_version() -> None:
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text())
     assert cited["version"] == bodysense.__version__
@@ -184,9 +206,9 @@ def test_workflows_publish_without_passwords_and_run_what_there_is(path: Path) -
     text = path.read_text()
     jobs = yaml.safe_load(text)["jobs"]
     assert "secrets." not in text
-    signing = {name for name, job in jobs.items() if "id-token" in job.get("permissions", {})}
-    assert signing <= {"publish", "attest"}
-    for name in signing:  # no code of the repository runs beside the proof of who runs it
+    trusted = {name for name, job in jobs.items() if "write" in job.get("permissions", {}).values()}
+    assert trusted <= {"publish", "attest", "attach"}
+    for name in trusted:  # no code of the repository runs beside the right to publish
         assert not any("checkout" in step.get("uses", "") for step in jobs[name]["steps"])
     assert "publish" not in jobs or jobs["publish"]["environment"]
     for script in re.findall(r"scripts/\w+\.py", text):

@@ -56,21 +56,39 @@ def repository(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def documented_command(page: str, first: str) -> list[str]:
-    """Return the words of the command on a page of the docs that begins with `first`."""
-    line = next(line for line in (ROOT / "docs" / page).read_text().splitlines() if line.startswith(first))
+    """Return the words of the command on a page that begins with `first`."""
+    line = next(line for line in (ROOT / page).read_text().splitlines() if line.startswith(first))
     return shlex.split(line.partition(" #")[0])
 
 
-@pytest.mark.parametrize(("program", "first"), [("uv", "uvx --from"), ("pipx", "pipx run")])
-def test_a_demo_from_the_address_of_a_repository(repository: str, tmp_path: Path, program: str, first: str) -> None:
+@pytest.mark.parametrize(
+    ("page", "program", "first"),
+    [
+        ("README.md", "uv", "uvx --from"),
+        ("docs/deploy.md", "uv", "uvx --from"),
+        ("docs/deploy.md", "pipx", "pipx run"),
+    ],
+)
+def test_a_demo_from_the_address_of_a_repository(
+    repository: str, tmp_path: Path, page: str, program: str, first: str
+) -> None:
     pytest.importorskip(program, reason=f"needs {program}, of the extra deploy")
-    words = [word.replace("$REPOSITORY", repository) for word in documented_command("deploy.md", first)]
+    words = [word.replace("$REPOSITORY", repository) for word in documented_command(page, first)]
     start = ["uv", "tool", "run"] if program == "uv" else ["pipx"]
     run = [sys.executable, "-m", *start, *words[1:], "-o", str(tmp_path / "demo")]
     places = {"UV_CACHE_DIR": "uv", "UV_TOOL_DIR": "tools", "PIPX_HOME": "pipx"}
     folders = {name: str(tmp_path / folder) for name, folder in places.items()}
     subprocess.run(run, env=ENVIRONMENT | folders, check=True, cwd=tmp_path)
     assert (tmp_path / "demo" / "result.bvh").stat().st_size > 10_000
+
+
+def test_the_readme_begins_with_uvx_and_then_a_shallow_clone(repository: str, tmp_path: Path) -> None:
+    commands = re.findall(r"^(?:uvx|pip|git|bodysense) .*$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    assert commands[0].startswith("uvx --from git+$REPOSITORY")
+    assert commands[1].startswith("git clone --depth 1 $REPOSITORY")
+    words = [word.replace("$REPOSITORY", repository) for word in shlex.split(commands[1])]
+    subprocess.run(words, check=True, cwd=tmp_path)
+    assert (tmp_path / words[-1] / "constraints.txt").is_file()
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from bodysense.geometry.rotation import quaternion_conjugate, quaternion_exp, qu
 from bodysense.geometry.rotation import quaternion_rotate as rotate
 from bodysense.io.clip import Clip
 
-sys.path.insert(0, str(Path(__file__).parent))  # helpers of these tests are modules beside them
+sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parent / "rigs")]  # helpers of these tests
 
 Reframe = Callable[..., Clip]
 

@@ -66,6 +66,13 @@ def test_a_udp_port_in_use(refused: Refused) -> None:
         (("--slimevr", "--slimevr-host", "no.such.host.invalid"), "--slimevr-host no.such.host.invalid: no such host"),
         (("--workers", 2, "--solarxr"), "UDP needs a single process"),
         (("--workers", 2, "--slimevr"), "UDP needs a single process"),
+        (("--markers", "host"), "--markers host: give natnet://HOST (OptiTrack), qtm://HOST"),
+        (("--markers", "qtm://no.such.host.invalid"), "--markers no.such.host.invalid: no such host"),
+        (("--markers", "qtm://localhost", "--markers-in", 9123), "give one of them"),
+        (("--workers", 2, "--markers", "qtm://localhost"), "--markers needs a single process"),
+        (("--record", "take.csv"), "--record: for --markers"),
+        (("--markers", "qtm://localhost", "--record", "take.c3d"), "recorded as .csv"),
+        (("--markers", "qtm://localhost", "--up", "x"), "--up x: of marker files it is one of y, z"),
         (("--bridge",), "--bridge has nowhere to send to; give --vmc-out"),
         (
             ("--vrchat-trackers", "hips"),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_people import LYING, lying_clip
@@ -77,6 +79,27 @@ def test_a_given_axis_is_checked(performance: Clip) -> None:
     motion = judged(performance, "y")
     assert told_warning("y", motion) == []
     assert told_warning("z", motion) == ["--up z: the body stands along +Y, not +Z; leave it out, or give --up y"]
+
+
+@pytest.mark.parametrize("word", ["y", "z"])
+@pytest.mark.parametrize("forward", [-0.4, -0.1, 0.0, 0.1, 0.4])
+def test_one_frame_overrules_a_rest_pose_or_warns(performance: Clip, word: UpAxis, forward: float) -> None:
+    """A standing body, which could lie on a floor at 0 where its back or its toes are near the origin."""
+    first = performance.pose[:1]
+    place = first.root_position * [0, 1, 0] + [0, 0, forward]
+    one = Clip("one", replace(first, root_position=place), performance.frame_rate)
+    axis: UpAxis = "z" if word == "y" else "y"
+    found = judged(one, axis, {word: REST_POSE})
+    assert found.axis == axis or f"--up {axis}" in doubts(found, "its rest pose")[0]
+    assert found.axis == axis or abs(forward) == 0.1
+
+
+@pytest.mark.parametrize("how", LYING)
+def test_one_frame_of_a_lying_body_keeps_the_axis_of_its_rest_pose(how: str) -> None:
+    lying = lying_clip(how)
+    for k in range(0, len(lying.pose.root_position), 10):
+        found = judged(Clip("one", lying.pose[k : k + 1], lying.frame_rate), "y", {"y": REST_POSE})
+        assert found.axis == "y", k
 
 
 def test_one_frame_has_moments() -> None:

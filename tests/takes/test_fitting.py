@@ -9,7 +9,8 @@ from body_poses import no_points, places_of
 from bodysense.body.pose import Pose
 from bodysense.body.reach import reach
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
-from bodysense.takes.fitting import FADE_TIME, fade_offsets, fit_limbs, fit_trunk
+from bodysense.io.fingers import is_finger
+from bodysense.takes.fitting import FADE_TIME, Trunk, fade_offsets, fit_limbs, fit_trunk
 
 SECONDS = 1 / 30
 
@@ -118,3 +119,14 @@ def test_a_stretched_limb_that_is_not_tracked_keeps_its_rotation(pose: Pose) -> 
     np.testing.assert_array_equal(
         fit_limbs(straight, places_of(straight)[0], no_points(pose), SECONDS).rotation, rotation
     )
+
+
+def test_a_fit_without_fingers_keeps_them(pose: Pose) -> None:
+    trunk = Trunk.of(pose.skeleton)
+    bare = trunk.without_fingers(pose)
+    position = places_of(pose)[0]
+    np.testing.assert_allclose(places_of(bare)[0], position[:, trunk.points], atol=1e-12)
+    assert set(pose.skeleton.joints) - set(bare.skeleton.joints) == {
+        name for name in pose.skeleton.joints if is_finger(name)
+    }
+    np.testing.assert_array_equal(trunk.with_fingers(bare, pose).rotation, pose.rotation)

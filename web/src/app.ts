@@ -451,7 +451,8 @@ export class App {
     this.source?.frame?.(milliseconds, frame);
     const moment = this.playback.step(this.live.history, seconds);
     if (!this.source) return;
-    if (moment) {
+    if (this.source.isAbsent && this.playback.live) this.bodies.clear();
+    else if (moment) {
       this.first.draw(moment);
       // Ghosts show the devices of others, and only on the page: you know what you wear.
       // The first picture does not wait for them.

@@ -144,7 +144,7 @@ describe("a .glb", () => {
 
 it("the page offers no file that it refuses by its name", () => {
   const page = readFileSync(new URL("../index.html", import.meta.url), "utf8");
-  expect(/accept="([^"]*)"/.exec(page)?.[1]).toBe(".bvh,.npz,.jsonl,.glb,.vrm");
+  expect(/accept="([^"]*)"/.exec(page)?.[1]).toBe(".bvh,.npz,.jsonl,.glb,.vrm,.vrma");
 });
 
 function glb(json: object | string, content: Uint8Array): ArrayBuffer {

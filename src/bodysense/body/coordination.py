@@ -16,8 +16,8 @@ from importlib.resources import files
 
 import numpy as np
 
-from bodysense.body import gaps
 from bodysense.body.skeleton import BODY
+from bodysense.geometry import gaps
 from bodysense.geometry.rotation import (
     quaternion_conjugate,
     quaternion_log,

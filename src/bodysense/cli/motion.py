@@ -5,22 +5,23 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
 
-from bodysense.cli.options import Output, Reading, check_rate
+from bodysense.cli.options import ONE_FILE, Many, MoreFiles, Output, Reading, check_rate
 from bodysense.cli.recordings import load_clip, open_motion, open_recorded, person_of
-from bodysense.cli.summary import take_values, write_summary
+from bodysense.cli.summary import do_many, take_values, write_summary
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.markers.raw_markers import listed
-from bodysense.io.reading_options import AS_FOUND, given_options
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions, given_options
 from bodysense.ranges import Seed
 
 if TYPE_CHECKING:
@@ -93,6 +94,7 @@ def simulate(
 def track(
     file: MotionFile,
     out: Output,
+    more: MoreFiles = (),
     device: DeviceName | None = None,
     missing: str | None = None,
     rig: str | None = None,
@@ -107,16 +109,21 @@ def track(
     markers: Annotated[MarkerOptions, tyro.conf.OmitArgPrefixes] = NO_OPTIONS,
     video: Annotated[VideoOptions, tyro.conf.OmitArgPrefixes] = NO_VIDEO,
     reading: Reading = AS_FOUND,
-) -> None:
+    many: Many = ONE_FILE,
+) -> int:
     """Complete a recording, a video, a motion with holes, or one seen by a simulated device; write BVH, glTF or VRMA.
+
+    Of several files or a folder, each is completed by the same options into the folder -o; what is written already is
+    not done again.
 
     Args:
         file: recording (.npz, .jsonl), markers of a body or of gloves (.c3d, .csv, .trc, .tsv), video (a file, a folder
             of images, or a webcam's index), or a motion (.bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma) with
-            holes, or with --device any motion.
+            holes, or with --device any motion. Also a folder of them.
+        more: further files or folders.
         out: completed motion: .bvh, .fbx, .glb (glTF with an animated skeleton), .vrma (an animation for VRM
             avatars) or .mcap (a take for robots' tools). For a marker file also a name with its ending (.trc, .c3d,
-            .tsv, .csv): the same file with the gaps of its markers filled.
+            .tsv, .csv): the same file with the gaps of its markers filled. Of several files: a folder.
         device: simulated device that tracks a motion. If omitted, the holes of the motion are filled, and its known
             frames are unchanged.
         missing: missing joints of a motion, by its names or ours: left_forearm,left_hand. LeftForeArm+ includes all
@@ -136,7 +143,53 @@ def track(
         json: file for the result as JSON: outputs, frames, height, filled frames of each joint or marker, warnings.
         reading: facts that the file omits. For a recording: --floor, and --height of the wearer, from which other
             proportions are inferred (if omitted, the body is that of the recording, or inferred).
+        many: several files or a folder.
     """
+    from bodysense.devices.video.pictures import has_images
+    from bodysense.io.markers.options import is_marker_file
+    from bodysense.sources.open import TRACKED_ENDINGS
+
+    values = {
+        **{"device": device, "missing": missing, "rig": rig, "person": person, "hold_feet": hold_feet},
+        **{"causal": causal, "noise": noise, "model": model, "seed": seed},
+    }
+    work = partial(_track_file, **values, markers=markers, video=video, reading=reading)
+    if more or (file.is_dir() and not has_images(file)):
+        for option, path in (("--save-person", save_person), ("--overlay", video.overlay)):
+            if path is not None:
+                raise BodysenseError(f"{option} {path}: for one file, not for several; leave it out")
+        return do_many(work, [file, *more], TRACKED_ENDINGS, out, many, json)
+    if options := given_options(many):
+        raise BodysenseError(f"{file}: one file; {options}: for several files or a folder, leave it out")
+    _check_outputs(file, out, None if is_marker_file(out) else rig, save_person, json)
+    write_summary(json, *_outputs(work(file, out, save_person=save_person)))
+    return 0
+
+
+def _outputs(values: dict[str, Any]) -> tuple[list[Path], dict[str, Any]]:
+    """Return the outputs of a command, and its other values."""
+    return values["outputs"], {name: value for name, value in values.items() if name != "outputs"}
+
+
+def _track_file(
+    file: Path,
+    out: Path,
+    *,
+    device: DeviceName | None,
+    missing: str | None,
+    rig: str | None,
+    person: Path | None,
+    hold_feet: bool,
+    causal: bool,
+    noise: bool,
+    model: Path | None,
+    seed: int,
+    markers: MarkerOptions,
+    video: VideoOptions,
+    reading: ReadingOptions,
+    save_person: Path | None = None,
+) -> dict[str, Any]:
+    """Complete one file, and return its outputs and values about them."""
     from rich.progress import Progress
 
     from bodysense.io.markers.options import is_marker_file
@@ -147,7 +200,6 @@ def track(
     from bodysense.tracking.tracker import TrackerSettings
 
     markers_out = is_marker_file(out)
-    _check_outputs(file, out, None if markers_out else rig, save_person, json)
     opened = open_recorded(file, reading, markers)
     if isinstance(opened, VideoSource) and person is not None and str(person).isdecimal() and not person.exists():
         raise BodysenseError(f"{file}: --person {person}: no such wearer's file; --follow {person} follows that person")
@@ -157,8 +209,7 @@ def track(
             raise BodysenseError(f"{file}: --device, --missing, --noise and --save-person are not for videos")
         settings = TrackerSettings(hold_feet=hold_feet)
         track_video(opened.name, out, video, model, wearer, rig, settings, causal)
-        write_summary(json, [out] if video.overlay is None else [out, video.overlay], {})
-        return
+        return {"outputs": [out] if video.overlay is None else [out, video.overlay]}
     if options := given_options(video):
         raise BodysenseError(f"{file}: not a video; {options}: for videos, leave it out")
     if markers_out:
@@ -198,43 +249,64 @@ def track(
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
-    write_summary(
-        json, [out] if save_person is None else [out, save_person], take_values(take, rate, warnings, markers_out)
-    )
+    outputs = [out] if save_person is None else [out, save_person]
+    return {"outputs": outputs, **take_values(take, rate, warnings, markers_out)}
 
 
 def convert(
     file: MotionFile,
     out: Output,
+    more: MoreFiles = (),
     rig: str = "bodysense",
     rate: float | None = None,
     file_rate: float | None = None,
     json: Path | None = None,
     reading: Reading = AS_FOUND,
-) -> None:
+    many: Many = ONE_FILE,
+) -> int:
     """Write a whole motion as another kind of file, on another rig, or at another rate.
 
+    Of several files or a folder, each is written by the same options into the folder -o; what is written already is
+    not done again.
+
     Args:
-        file: motion: .bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.
+        file: motion: .bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma. Also a folder of them.
+        more: further files or folders.
         out: .bvh, .fbx, .glb (glTF with an animated skeleton), .vrma (an animation for VRM avatars) or .mcap (a
-            take that robots' tools read).
+            take that robots' tools read). Of several files: a folder.
         rig: joints to write on: 'bodysense' and 'smplh' are our 52 joints; 'mixamo', 'unreal', 'metahuman', 'rigify',
             'vrm', 'vrchat', 'lafan1', 'soma' and 'mhr' the same under these names; 'source' is the rig of a .bvh or
             .fbx FILE, NAME.bvh or NAME.fbx that of another file, to whose body the motion is fitted.
         rate: frames a second of the output; those of the file if omitted.
         file_rate: frames a second of a file that does not say it.
         json: file for the result as JSON: outputs, frames, frame rate, rig, warnings.
-        reading: what the file does not say of itself.
+        reading: facts that the file omits.
+        many: several files or a folder.
     """
+    check_rate("--rate", rate)
+    check_rate("--file-rate", file_rate)
+    work = partial(_convert_file, rig=rig, rate=rate, file_rate=file_rate, reading=reading)
+    if more or file.is_dir():
+        from bodysense.sources.open import MOTION_ENDINGS
+
+        return do_many(work, [file, *more], MOTION_ENDINGS, out, many, json)
+    if options := given_options(many):
+        raise BodysenseError(f"{file}: one file; {options}: for several files or a folder, leave it out")
+    if json is not None:
+        check_place(json)
+    write_summary(json, *_outputs(work(file, out)))
+    return 0
+
+
+def _convert_file(
+    file: Path, out: Path, *, rig: str, rate: float | None, file_rate: float | None, reading: ReadingOptions
+) -> dict[str, Any]:
+    """Convert one file, and return its outputs and values about them."""
     from bodysense.io.motion_files import check_ending
     from bodysense.io.target_rigs.named import check_rig, is_rig_file
     from bodysense.sources.conversion import convert as converted
 
     check_rig(check_ending(out), rig, file if is_rig_file(file) else None)
-    check_rate("--rate", rate)
-    check_rate("--file-rate", file_rate)
-    if json is not None:
-        check_place(json)
     opened = open_motion(file, reading, file_rate, "--file-rate", watches_limbs=True)
     clip = converted(opened, out, rig=rig, rate=rate)
     print(f"wrote {out}: {len(clip)} frames at {clip.frame_rate:g} Hz on {rig}")
@@ -247,7 +319,7 @@ def convert(
         warnings.append(lost)
         print(f"WARNING: {lost}", file=sys.stderr)
     values = {"frames": len(clip), "frame_rate": round(clip.frame_rate, 6), "rig": rig, "warnings": warnings}
-    write_summary(json, [out], values)
+    return {"outputs": [out], **values}
 
 
 def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -> None:

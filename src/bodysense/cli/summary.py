@@ -1,18 +1,29 @@
-"""`--json`: the result of a command as a file for other programs."""
+"""Results of a command: as a file for other programs (`--json`), and a table of many files."""
 
 from __future__ import annotations
 
 import json
+import sys
+import time
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bodysense.files import written_beside
+from bodysense import __version__
+from bodysense.cli.options import ManyOptions
+from bodysense.cli.show import wide_console
+from bodysense.errors import BodysenseError
+from bodysense.files import check_folder, check_place, written_beside
 
 if TYPE_CHECKING:
+    from bodysense.takes.many import FileOutcome
     from bodysense.takes.take import Take
+
+_LISTED = 40  # largest number of files in the table; of more, those with errors or warnings
 
 
 def write_summary(path: Path | None, outputs: list[Path], values: Mapping[str, Any]) -> None:
@@ -46,3 +57,74 @@ def take_values(take: Take, speed: float, warnings: Sequence[str], of_markers: b
         filled = dict(zip(take.markers.found.raw.names, take.filled_markers.filled.T, strict=True))
     values["filled_frames"] = {name: int(frames.sum()) for name, frames in filled.items() if frames.any()}
     return values
+
+
+def do_many(
+    work: partial[dict[str, Any]],
+    sources: Sequence[Path],
+    endings: Sequence[str],
+    folder: Path,
+    options: ManyOptions,
+    json: Path | None,
+) -> int:
+    """Do the work of a command on many files, print one table, and return the exit status: 1 if a file failed.
+
+    Raises BodysenseError, before any work, for outputs that cannot be written.
+    """
+    from rich.progress import track
+
+    from bodysense.takes.many import do_all, files_of, tasks_of
+
+    command = work.func.__name__.strip("_").partition("_")[0]
+    for source in sources:
+        if not source.exists():
+            hint = f"see bodysense {command} --help, or give a file or folder that exists"
+            raise BodysenseError(f"{source}: unknown argument; {hint}")
+    files, others = files_of(sources, endings)
+    if folder.suffix.lower() in (*endings, ".bvh", ".fbx", ".glb", ".vrma", ".mcap"):
+        raise BodysenseError(
+            f"-o {folder}: {len(files)} files are written to a folder; give its name, and --ending {folder.suffix} for "
+            "the kind of file"
+        )
+    check_folder(folder)
+    if json is not None:
+        check_place(json)
+    tasks, begun = tasks_of(files, folder, options.ending or ".bvh"), time.perf_counter()
+    given = f"{__version__} {command} {sorted(work.keywords.items())}"
+    results = do_all(work, tasks, folder, given, options.jobs, options.scheduler)
+    outcomes = list(track(results, f"{len(tasks)} files", total=len(tasks), transient=True))
+    seconds = time.perf_counter() - begun
+    _print_many(outcomes, folder, seconds)
+    if others:
+        listed = ", ".join(f"{ending} ({count})" for ending, count in others.most_common())
+        print(f"note: files of other kinds are left out: {listed}")
+    rows = [asdict(one) | {"warnings": list(one.warnings)} for one in outcomes]
+    write_summary(json, [Path(one.out) for one in outcomes if not one.error], {"files": rows})
+    return int(any(one.error for one in outcomes))
+
+
+def _print_many(outcomes: Sequence[FileOutcome], folder: Path, seconds: float) -> None:
+    """Print a table of files, and the errors and warnings on the error stream."""
+    from rich import box
+    from rich.table import Table
+
+    listed = outcomes if len(outcomes) <= _LISTED else [one for one in outcomes if one.error or one.warnings][:_LISTED]
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for column in ("file", "frames", "Hz", "seconds", "result"):
+        table.add_column(column, justify="left" if column in ("file", "result") else "right", overflow="fold")
+    for one in listed:
+        result = "failed" if one.error else "written before" if one.is_earlier else f"wrote {one.out}"
+        numbers = ("", "") if one.error else (str(one.frames), f"{one.frame_rate:g}")
+        table.add_row(one.file, *numbers, f"{one.seconds:.2f}", result + " (WARNING)" * bool(one.warnings))
+    wide_console().print(table)
+    for one in outcomes:
+        for line in one.warnings:
+            print(f"WARNING: {one.file}: {line.removeprefix(f'{one.file}: ')}", file=sys.stderr)
+    for one in outcomes:
+        if one.error:
+            print(f"failed: {one.file}: {one.error.removeprefix(f'{one.file}: ')}", file=sys.stderr)
+    wrong, earlier = (sum(map(bool, of)) for of in zip(*((one.error, one.is_earlier) for one in outcomes), strict=True))
+    fresh = len(outcomes) - wrong - earlier
+    notes = [f"{wrong} failed"] * bool(wrong) + [f"{earlier} written before"] * bool(earlier)
+    each = f" ({seconds / fresh:.2f} s each)" if fresh else ""
+    print(", ".join([f"wrote {fresh} of {len(outcomes)} files to {folder} in {seconds:.1f} s{each}", *notes]))

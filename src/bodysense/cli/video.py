@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from bodysense.body.person import Person
     from bodysense.body.pose import Pose
     from bodysense.body.skeleton import Skeleton
-    from bodysense.devices.video.device import VideoDevice
+    from bodysense.devices.video.device import VideoDevice, VideoFrames
     from bodysense.devices.video.person import PersonSettings
+    from bodysense.devices.video.presence import Presence
     from bodysense.devices.video.watching import SightingCounts, WatchedFrames
     from bodysense.io.formats.bvh import BvhStream
     from bodysense.observing.observation import Observation
@@ -54,6 +55,7 @@ class VideoOptions:
 
 
 NO_VIDEO = VideoOptions()
+_SPANS = 5  # times without a person that are printed
 
 
 def track_video(
@@ -76,6 +78,7 @@ def track_video(
     from bodysense.devices.video.landmarker_files import find_landmarkers
     from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
     from bodysense.devices.video.pictures import VideoBrokenError, open_video
+    from bodysense.devices.video.presence import Presence
     from bodysense.devices.video.watching import SightingCounts, watch
     from bodysense.io.motion_files import motion_stream
     from bodysense.io.target_rigs.named import OWN
@@ -96,21 +99,21 @@ def track_video(
         landmarker = stack.enter_context(Landmarker(files, LandmarkerSettings(people=options.people)))
         file = stack.enter_context(motion_stream(out, person.skeleton, video.rate, rig or OWN))
         two_way = None if causal or video.count is None else TwoWayTracker(person, None, tracker.settings)
-        motion = _Motion(file, two_way)
+        motion = _Motion(file, two_way, Presence())
         overlay = None if options.overlay is None else stack.enter_context(Overlay(options.overlay, video.rate))
         longest = options.seconds or float("inf")
         pictures = takewhile(lambda picture: picture.time < longest, video.pictures)
-        expected = min(video.count or float("inf"), longest * video.rate)
         progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
-        bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=_frame_count(expected))
+        total = _frame_count(min(video.count or float("inf"), longest * video.rate))
+        bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=total)
         try:
             for done in watch(pictures, landmarker, make_device, people):
                 begun = clock.perf_counter()
                 if len(done.frames):
                     estimate, state = tracker.step(done.frames.observation, state)
-                    motion.add(done.frames.observation, estimate.pose)
+                    motion.add(done.frames, estimate.pose)
                     if overlay is not None:
-                        overlay.add(done.pictures, estimate.pose, done.frames.camera, done.people)
+                        overlay.add(done.pictures, estimate.pose, done.frames, done.people)
                 tally.add(done, clock.perf_counter() - begun)
                 progress.advance(bar, len(done.frames))
         except VideoBrokenError as error:
@@ -120,7 +123,18 @@ def track_video(
                 raise
         tally.seen.check(video.name, options.follow)
         motion.finish(1 / video.rate)
-    _report(f"wrote {out}: {file.frames} frames\n{tally.line()}", broken, options.overlay)
+    _report(f"wrote {out}: {file.frames} frames\n{tally.line()}{_absence(motion.presence)}", broken, options.overlay)
+
+
+def _absence(presence: Presence) -> str:
+    """Return a line on times without a person; empty if there were none."""
+    if not presence.absent:
+        return ""
+    spans = [f"{begin:.1f}-{end:.1f}" for begin, end in presence.absent[:_SPANS]]
+    more = "" if len(presence.absent) <= _SPANS else f" and {len(presence.absent) - _SPANS} more"
+    return (
+        f"\nnobody is seen for {presence.seconds:.1f} s, which are left out of the motion: {', '.join(spans)} s{more}"
+    )
 
 
 def _frame_count(count: float) -> int | None:
@@ -174,26 +188,41 @@ def _device_factory(
 
 @dataclass
 class _Motion:
-    """The motion of a video: written frame by frame, or completed with past and future at the end."""
+    """The motion of a video: written frame by frame, or completed with past and future at the end.
+
+    Frames without a person are left out.
+    """
 
     file: BvhStream
     two_way: TwoWayTracker | None  # None: each frame is written at once
+    presence: Presence
     kept: list[Observation] = field(default_factory=list)
+    lost: list[float] = field(default_factory=list)  # s without a person before each kept frame
+    waiting: list[tuple[Observation, Pose]] = field(default_factory=list)  # frames that may be kept later
+    first: int = 0  # number of the first waiting frame
 
-    def add(self, frames: Observation, pose: Pose) -> None:
+    def add(self, frames: VideoFrames, pose: Pose) -> None:
         """Add the next frames and their causal poses (T,)."""
-        if self.two_way is None:
-            self.file.append(frames.time, pose)
-        else:
-            self.kept.append(frames)
+        self.waiting += [(frames.observation[k : k + 1], pose[k : k + 1]) for k in range(len(frames))]
+        for number, lost in self.presence.add(frames.time.tolist(), frames.person.has_body.tolist()):
+            observation, body = self.waiting[number - self.first]
+            if self.two_way is None:
+                self.file.append(observation.time - lost, body)
+            else:
+                self.kept.append(observation)
+                self.lost.append(lost)
+        done = self.presence.oldest - self.first
+        del self.waiting[:done]
+        self.first += done
 
     def finish(self, seconds: float) -> None:
         """Complete the kept frames, `seconds` apart, and write them."""
         from bodysense.observing.observation import concatenated_frames
 
+        self.presence.finish(seconds)
         if self.two_way is not None and self.kept:
             whole = concatenated_frames(self.kept)
-            self.file.append(whole.time, self.two_way.complete(whole, seconds).pose)
+            self.file.append(whole.time - self.lost, self.two_way.complete(whole, seconds).pose)
 
 
 @dataclass

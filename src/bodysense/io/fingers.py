@@ -43,15 +43,20 @@ def with_fingers(pose: Pose, missing: Collection[str] = ()) -> tuple[Pose, bool]
     0.5°, they were not recorded. They are relaxed, too, if they stay at the identity; another constant hand (a model's
     mean hand) is kept.
     """
-    joints = pose.skeleton.joints
-    present = [index for index, joint in enumerate(joints) if is_finger(joint) and joint not in missing]
-    rotation = pose.rotation[..., present, :]
-    moves = bool(np.any(geodesic_angle(rotation[:1], rotation) > STILL))
-    identity = not np.any(geodesic_angle(rotation, np.array([1.0, 0.0, 0.0, 0.0])) > STILL)
-    relaxed = {*missing, *((joints[index] for index in present) if identity else ())}
+    relaxed, moves = relaxed_fingers(pose, missing)
     if not relaxed:
         return pose, moves
     filled = pose.rotation.copy()
     for joint in relaxed:
         filled[..., pose.skeleton.index(joint), :] = relaxed_rotation(joint)
     return Pose(pose.skeleton, pose.root_position, filled), moves
+
+
+def relaxed_fingers(pose: Pose, missing: Collection[str] = ()) -> tuple[tuple[str, ...], bool]:
+    """Return the finger joints that `with_fingers` relaxes, and whether a pose (T, …) has finger motion."""
+    joints = pose.skeleton.joints
+    present = [index for index, joint in enumerate(joints) if is_finger(joint) and joint not in missing]
+    rotation = pose.rotation[..., present, :]
+    moves = bool(np.any(geodesic_angle(rotation[:1], rotation) > STILL))
+    identity = not np.any(geodesic_angle(rotation, np.array([1.0, 0.0, 0.0, 0.0])) > STILL)
+    return (*missing, *((joints[index] for index in present) if identity else ())), moves

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.body.gaps import runs
 from bodysense.errors import BodysenseError
+from bodysense.geometry.gaps import runs
 from bodysense.io.rigs.names import joint_of
 
 if TYPE_CHECKING:

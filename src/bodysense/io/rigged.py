@@ -30,8 +30,8 @@ from bodysense.io.formats.bvh import figures_of
 from bodysense.io.formats.bvh_text import open_bvh, parse_bvh
 from bodysense.io.formats.fbx.motion import parse_fbx
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.canonical import canonical
-from bodysense.io.rigs.figure import Figure, measured
+from bodysense.io.rigs.canonical import CanonicalForm
+from bodysense.io.rigs.figure import LONG, Figure, blocks_of, measured
 from bodysense.io.rigs.joint_file import JointFile
 from bodysense.io.rigs.names import ARMS, LEGS, is_end, joints_of, parts, side_of
 from bodysense.io.rigs.rig import Rig, find_body, joint_map, recognise
@@ -199,7 +199,9 @@ def read_rigged(data: bytes, path: Path, options: ReadingOptions = AS_FOUND, *, 
 
     Raises BodysenseError, naming the file and the fix, if it holds no body, or several without a choice.
     """
-    return rigged_of(_parsed(data, path, options), options, must_stand=must_stand)
+    file = _parsed(data, path, options)
+    del data  # as large as its numbers
+    return rigged_of(file, options, must_stand=must_stand)
 
 
 def rigged_of(file: JointFile, options: ReadingOptions = AS_FOUND, *, must_stand: bool = False) -> Rigged:
@@ -212,7 +214,7 @@ def rigged_of(file: JointFile, options: ReadingOptions = AS_FOUND, *, must_stand
     figure = _chosen(file, options)
     rig = _recognised(file, figure, options)
     clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
-    clip = checked(clip, rig.warnings, rig.joints.keys())
+    clip = checked(clip, (*file.warnings, *rig.warnings), rig.joints.keys())
     if options.height is not None:
         scale = options.height / clip.pose.skeleton.height
         rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)
@@ -258,14 +260,32 @@ def _canonical_clip(figure: Figure, rig: Rig, by_table: bool, must_stand: bool) 
         given for ours, given in rig.joints.items() if given in figure.end_sites and ours in default_skeleton().joints
     ]
     figure = _of_body(figure.with_joints(sites) if sites else figure, rig)
-    source, place = _figure_clip(figure, rig)
+    try:
+        skeleton = Skeleton(figure.joints, figure.end_sites, figure.parents, figure.bone * rig.unit)
+    except BodysenseError as error:
+        raise BodysenseError(f"{figure.name}: {error}") from None
+    stretches = any(np.ptp(place, axis=0).max() * rig.unit > STRETCH for k, place in figure.position.items() if k)
     joints = {given: ours for ours, given in rig.joints.items()}
     if "pelvis" not in rig.joints:
-        source, place = _with_pelvis(source, place, rig)
         joints[PELVIS] = "pelvis"
     lacking = () if by_table else {"head_top"} - rig.joints.keys()  # its end site may be in front of the head
-    clip = canonical(source, joints, place, place is None or figure.turns, must_stand, lacking)
-    return replace(clip, name=Path(figure.name).stem)
+
+    def clip_in(frames: slice | np.ndarray) -> tuple[Clip, np.ndarray | None]:
+        source, place = _figure_clip(figure.frames(frames), skeleton, rig, stretches)
+        return (source, place) if "pelvis" in rig.joints else _with_pelvis(source, place, rig)
+
+    turns, count = not stretches or figure.turns, len(figure)
+    is_long = count > LONG and turns
+    source, place = clip_in(np.unique(np.linspace(0, count - 1, LONG).astype(int)) if is_long else slice(None))
+    form = CanonicalForm.of(source, joints, place, turns, must_stand, lacking)
+    clip = replace(form.apply(source, place), name=Path(figure.name).stem)
+    if not is_long:
+        return clip
+    root, rotation = np.empty((count, 3)), np.empty((count, len(form.skeleton.joints), 4))
+    for block in blocks_of(count):
+        pose = form.apply(*clip_in(block)).pose
+        root[block], rotation[block] = pose.root_position, pose.rotation
+    return replace(clip, pose=Pose(form.skeleton, root, rotation))
 
 
 def _of_body(figure: Figure, rig: Rig) -> Figure:
@@ -280,18 +300,13 @@ def _of_body(figure: Figure, rig: Rig) -> Figure:
     return figure.only(inside)
 
 
-def _figure_clip(figure: Figure, rig: Rig) -> tuple[Clip, np.ndarray | None]:
-    """Return a figure as a clip in our world, and its points (T, P, 3) m if its bones are not rigid."""
-    try:
-        skeleton = Skeleton(figure.joints, figure.end_sites, figure.parents, figure.bone * rig.unit)
-    except BodysenseError as error:
-        raise BodysenseError(f"{figure.name}: {error}") from None
+def _figure_clip(figure: Figure, skeleton: Skeleton, rig: Rig, stretches: bool) -> tuple[Clip, np.ndarray | None]:
+    """Return a figure as a clip in our world, and its points (T, P, 3) m if it stretches."""
     root = figure.position.get(0, np.tile(figure.offset[0], (len(figure), 1)))
-    rotation = figure.rotation.copy()
+    rotation = np.array(figure.rotation)
     rotation[:, 0] = quaternion_canonical(rig.turned_to_world(rotation[:, 0]))
     clip = Clip(figure.name, Pose(skeleton, rig.to_world(root), rotation), figure.frame_rate)
-    moving = [k for k, place in figure.position.items() if k and np.ptp(place, axis=0).max() * rig.unit > STRETCH]
-    return clip, rig.to_world(figure.world()[0]) if moving else None
+    return clip, rig.to_world(figure.world()[0]) if stretches else None
 
 
 def _with_pelvis(clip: Clip, place: np.ndarray | None, rig: Rig) -> tuple[Clip, np.ndarray | None]:

@@ -24,6 +24,8 @@ from bodysense.pictures.painter import BodyPainter
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+    from bodysense.devices.video.device import VideoFrames
+
 _LEFT, _RIGHT, _MIDDLE = (255, 176, 46), (64, 200, 255), (255, 255, 255)  # the person's sides, and between them
 _DISC = (20, 24, 28)
 NUMBERED = 2.0  # s at the beginning of a video in which people's numbers are displayed
@@ -57,21 +59,25 @@ class Overlay(AbstractContextManager["Overlay"]):
         return self
 
     def add(
-        self, pictures: Sequence[Picture], pose: Pose, camera: Camera, people: Sequence[Sequence[PersonTrack]] = ()
+        self,
+        pictures: Sequence[Picture],
+        pose: Pose,
+        frames: VideoFrames,
+        people: Sequence[Sequence[PersonTrack]] = (),
     ) -> None:
-        """Add pictures, all of one size, with a body (T, …) in the world and the camera (T,) that sees it.
+        """Add pictures of `frames`, all of one size, with a body (T, …) in the world where a person is seen.
 
         `people` are the people in each picture. If there are several, their numbers are drawn on the first pictures.
         """
         for k, picture in enumerate(pictures):
-            seen_by = Camera(*(values[k] for values in vars(camera).values()))
+            seen_by = Camera(*(values[k] for values in vars(frames.camera).values()))
             pixels = picture.pixels
             if people and len(people[k]) > 1 and picture.time < NUMBERED:
                 pixels = draw_numbers(pixels, people[k])
-            self.show(picture.time, pixels, pose[k], seen_by)
+            self.show(picture.time, pixels, pose[k] if frames.person.has_body[k] else None, seen_by)
 
-    def show(self, time: float, pixels: np.ndarray, pose: Pose, camera: Camera) -> None:
-        """Add one picture (H, W, 3) at `time` s with a body in the world and the camera that sees it."""
+    def show(self, time: float, pixels: np.ndarray, pose: Pose | None, camera: Camera) -> None:
+        """Add one picture (H, W, 3) at `time` s with a body in the world, if any, and the camera that sees it."""
         import av
 
         picture = side_by_side(pixels, pose, camera)
@@ -106,16 +112,19 @@ def draw_numbers(pixels: np.ndarray, people: Sequence[PersonTrack]) -> np.ndarra
     return np.array(whole)
 
 
-def side_by_side(pixels: np.ndarray, pose: Pose, camera: Camera) -> np.ndarray:
+def side_by_side(pixels: np.ndarray, pose: Pose | None, camera: Camera) -> np.ndarray:
     """Draw a body over a picture, and to the right of it the body from its left: (H, W′, 3) uint8, even sizes.
 
-    `pixels` (H, W, 3) is the picture of `camera`.
+    `pixels` (H, W, 3) is the picture of `camera`. Without a body it is left as it is, next to an empty field.
     """
     from PIL import Image
 
     high, wide = (size // 2 * 2 for size in pixels.shape[:2])
     beside = round(0.8 * high / 2) * 2
     whole = Image.new("RGB", (wide + beside, high))
+    if pose is None:
+        whole.paste(Image.fromarray(pixels[:high, :wide]))
+        return np.array(whole)
     whole.paste(_draw_over(pixels[:high, :wide], pose, camera))
     whole.paste(Image.fromarray(_draw_side_view((beside, high), pose)), (wide, 0))
     return np.array(whole)

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.footing import side_clearance
-from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import geodesic_angle
 
 Found = tuple[str, int, int, float]  # joint, first and last frame, size

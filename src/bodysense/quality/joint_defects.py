@@ -11,9 +11,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import BODY
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import geodesic_angle, quaternion_log, slerp
 
 Found = tuple[str, int, int, float]  # joint, first and last frame, size

@@ -38,6 +38,7 @@ _MANY_KINDS = (".npz", ".npy", *PICKLES)  # motions, recordings or joint positio
 _GLTF = (".glb", ".gltf", ".vrma", ".vrm")
 _JOINT_FILES = (".bvh", ".fbx")  # files whose joints can be written again
 MOTION_ENDINGS = (".bvh", ".fbx", ".npz", ".npy", *_GLTF, *PICKLES)
+TRACKED_ENDINGS = (*MOTION_ENDINGS, ".jsonl", *MARKER_ENDINGS)  # of the files of a folder; videos are given by name
 Kind = Literal["motion", "recording", "markers", "video"]
 HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs with constant values
 _NOTHING_HELD: HeldStill = (), np.zeros((0, 0), dtype=bool)
@@ -283,10 +284,10 @@ def _check_images(path: Path) -> None:
     """Raise BodysenseError, with the fix, for a folder without images."""
     if not path.is_dir():
         return
-    from bodysense.devices.video.pictures import IMAGES
+    from bodysense.devices.video.pictures import IMAGES, has_images
 
-    endings = {file.suffix.lower() for file in path.iterdir()}
-    if endings.isdisjoint(IMAGES):
+    if not has_images(path):
+        endings = {file.suffix.lower() for file in path.iterdir()}
         never = sorted(endings & _UNSUPPORTED.keys())
         fix = _UNSUPPORTED[never[0]] if never else f"give one file, or a folder of {', '.join(IMAGES)}"
         raise BodysenseError(f"{path}: a folder without images; {fix}")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.body import gaps
 from bodysense.errors import BodysenseError
+from bodysense.geometry import gaps
 from bodysense.io.clip import Clip, part_joints
 from bodysense.io.holes import Missing, flat_lined, missing_mask
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bodysense.body.gaps import COASTING, interpolate, interpolate_positions, runs
+from bodysense.geometry.gaps import COASTING, interpolate, interpolate_positions, runs
 from bodysense.observing.observation import Observation
 
 Array = np.ndarray

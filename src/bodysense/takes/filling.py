@@ -1,7 +1,7 @@
 """Motions with holes: known parts are observed, missing ones are completed, and the rest is bit-identical.
 
 Joints with known world rotation and position become exact points of an Observation, and the tracker completes the
-others. Its prediction fills the gaps (`body.gaps`) in the local rotations of joints, so bones keep their lengths.
+others. Its prediction fills the gaps (`geometry.gaps`) in the local rotations of joints, so bones keep their lengths.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.body import gaps
 from bodysense.body.coordination import ROOT, coordination, deviations
 from bodysense.body.footing import side_clearance, stop_sliding
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
 from bodysense.body.reach import reach
 from bodysense.body.skeleton import BODY, LEG
 from bodysense.errors import BodysenseError
+from bodysense.geometry import gaps
 from bodysense.geometry.rotation import (
     quaternion_canonical,
     quaternion_conjugate,

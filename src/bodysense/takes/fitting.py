@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reach_all
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import FINGERS, Skeleton
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import (
     quaternion_canonical,
     quaternion_conjugate,
@@ -23,6 +25,38 @@ Array = np.ndarray
 FADE_TIME = 0.25  # s in which a limb moves to its tracked position, and away from it
 STRAIGHT = 0.02  # m from the line of a limb to its middle joint; nearer ones do not determine how the limb is turned
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
+
+
+@dataclass(frozen=True, eq=False)
+class Trunk:
+    """A body without fingers, on which fits are three times as fast."""
+
+    whole: Skeleton
+    skeleton: Skeleton
+    joints: list[int]  # which joints of the whole body it has
+    points: list[int]
+
+    @staticmethod
+    def of(whole: Skeleton) -> Trunk:
+        """Return the body of a skeleton without its fingers."""
+        points = [k for k, name in enumerate(whole.points) if not name.partition("_")[2].startswith(FINGERS)]
+        joints = [k for k in points if k < len(whole.joints)]
+        names = [whole.points[k] for k in points]
+        parents = tuple(points.index(whole.parents[k]) if whole.parents[k] >= 0 else -1 for k in points)
+        sites = tuple(names[len(joints) :])
+        return Trunk(
+            whole, Skeleton(tuple(names[: len(joints)]), sites, parents, whole.rest_offset[points]), joints, points
+        )
+
+    def without_fingers(self, pose: Pose) -> Pose:
+        """Return a pose of the whole body without fingers."""
+        return Pose(self.skeleton, pose.root_position, np.ascontiguousarray(pose.rotation[..., self.joints, :]))
+
+    def with_fingers(self, pose: Pose, whole: Pose) -> Pose:
+        """Return a pose of the whole body: this pose, and the fingers of another one."""
+        rotation = np.array(whole.rotation)
+        rotation[..., self.joints, :] = pose.rotation
+        return Pose(self.whole, pose.root_position, rotation)
 
 
 def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
@@ -186,6 +220,9 @@ def fit_hips(pose: Pose, points: Array, measured: Array, turned: Array, seconds:
         turned: (T, P) bool: points whose rotation is tracked.
         seconds: time between frames.
     """
+    trunk, whole = Trunk.of(pose.skeleton), pose
+    pose, points, measured = trunk.without_fingers(pose), points[:, trunk.points], measured[:, trunk.points]
+    turned = turned[:, trunk.points]
     position = np.asarray(forward_kinematics(pose)[0])
     hips = pose.skeleton.indices(["left_hip", "right_hip"])
     seen = np.asarray(measured[:, hips].all(axis=1))
@@ -197,7 +234,7 @@ def fit_hips(pose: Pose, points: Array, measured: Array, turned: Array, seconds:
     pose = fit_limbs(pose, np.where(measured[..., None], points, position), measured, seconds)
     for side in ("left", "right"):
         pose = _aim_joint(pose, f"{side}_ankle", f"{side}_foot", points, measured & ~turned)
-    return pose
+    return trunk.with_fingers(pose, whole)
 
 
 def _aim_joint(pose: Pose, joint: str, end: str, points: Array, measured: Array) -> Pose:

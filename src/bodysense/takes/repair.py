@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.footing import side_clearance
-from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reach
 from bodysense.errors import BodysenseError
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import smooth_step
 from bodysense.io.clip import Clip
 from bodysense.io.holes import Missing

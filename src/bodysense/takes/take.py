@@ -40,7 +40,8 @@ if TYPE_CHECKING:
 
 ANCHORS = ("head", "pelvis")  # points that keep their measured position if proportions change, in order of preference
 _FRAMES = 60  # frames in one call, between two reports of progress
-_BLOCK = 1000  # frames whose kinematics are computed at once
+_BLOCK = 1000  # frames that are computed at once
+_FADED = 1.0  # s; a frame's markers change the fit of no frame that is farther away
 _USUAL_RATE = 30.0  # Hz, assumed for a single frame
 
 
@@ -281,7 +282,14 @@ def _fit_to_markers(pose: Pose, observation: Observation, markers: MarkerSource,
     points, _, measured, turned = observed_points(observation, pose.skeleton)
     error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
     if {"head", "left_hip", "right_hip"} <= set(error) and error["head"] >= error["left_hip"]:
-        pose = fit_hips(pose, points, measured, turned, interval)
+        beside = round(_FADED / interval)
+        root, rotation = np.zeros_like(pose.root_position), np.zeros_like(pose.rotation)
+        for first in range(0, len(root), _BLOCK):
+            start, end = max(first - beside, 0), min(first + _BLOCK, len(root))
+            near = slice(start, end + beside)
+            fitted = fit_hips(pose[near], points[near], measured[near], turned[near], interval)[first - start :]
+            root[first:end], rotation[first:end] = fitted.root_position[: end - first], fitted.rotation[: end - first]
+        pose = Pose(pose.skeleton, root, rotation)
     if markers.found is not None and markers.found.arms_hang:
         rotation, skeleton = np.array(pose.rotation), pose.skeleton
         arms = skeleton.indices([f"{side}_{part}" for side in ("left", "right") for part in ARM])

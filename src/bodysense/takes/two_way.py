@@ -21,7 +21,7 @@ from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, smo
 from bodysense.observing.observation import Observation, observed_points
 from bodysense.takes.bridging import LONGEST, bridge_gaps
 from bodysense.takes.feet import plant_feet
-from bodysense.takes.fitting import fit_limbs, fit_trunk
+from bodysense.takes.fitting import Trunk, fit_limbs, fit_trunk
 from bodysense.takes.joining import future_share, keep_tracked_rotations, lead_to_returns, mean_rotation
 from bodysense.takes.joining_network import JoiningNetwork, PassPair, packaged_joining
 from bodysense.tracking.estimate import Estimate
@@ -160,13 +160,16 @@ class TwoWayTracker:
         pose, position = _pose_at_head(skeleton, rotation, points[:, head])
         by_pelvis = measured[:, [pelvis]] & ~measured[:, [head]]
         off = np.where(by_pelvis, points[:, pelvis] - position[:, pelvis], 0.0)
-        pose = fit_trunk(replace(pose, root_position=pose.root_position + off), points, measured)
-        pose = fit_limbs(
-            pose, np.where(measured[..., None], points, np.asarray(forward_kinematics(pose)[0])), measured, seconds
-        )
+        trunk, whole = Trunk.of(skeleton), pose
+        pose = trunk.without_fingers(replace(pose, root_position=pose.root_position + off))
+        goal, known = points[:, trunk.points], measured[:, trunk.points]
+        pose = fit_trunk(pose, goal, known)
+        goal = np.where(known[..., None], goal, np.asarray(forward_kinematics(pose)[0]))
+        pose = fit_limbs(pose, goal, known, seconds)
         contact = (1 - share[..., 0]) * forward.contact + share[..., 0] * backward.contact
         if self.settings.hold_feet:
-            pose = plant_feet(pose, contact, measured, turned, self.settings.floor, seconds)
+            pose = plant_feet(pose, contact, known, turned[:, trunk.joints], self.settings.floor, seconds)
+        pose = trunk.with_fingers(pose, whole)
         return Estimate(
             pose=pose,
             points=np.asarray(forward_kinematics(pose)[0]),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from virtual import (
+from virtual_markers import (
     LABORATORIES,
     LEGS,
     OPENSIM,

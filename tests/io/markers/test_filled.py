@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from virtual import PLUG_IN_GAIT, marker_positions
+from virtual_markers import PLUG_IN_GAIT, marker_positions
 
 from bodysense.cli import main
 from bodysense.demo import performance_of_unseen_body
@@ -335,6 +335,49 @@ def test_numbers_of_every_processor_are_read_and_written(tmp_path: Path, process
     np.testing.assert_array_equal(again.position[0], raw.position[0])
     np.testing.assert_allclose(again.position[1, 0], [7.5, -4.0, 0.5])
     assert (tmp_path / "b.c3d").read_bytes().endswith(b"rest")
+
+
+LONG = 70_000  # frames, beyond the 16 bits of the header
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        {"POINT": {"LONG_FRAMES": [float(LONG)]}},
+        {"POINT": {"FRAMES": [float(LONG)]}},
+        {"TRIAL": {"ACTUAL_START_FIELD": [1.0, 0.0], "ACTUAL_END_FIELD": [float(LONG % 65536), 1.0]}},
+        {"TRIAL": {"ACTUAL_START_FIELD": [1.0], "ACTUAL_END_FIELD": [float(LONG)]}},
+    ],
+)
+def test_a_long_file_is_read_whole_by_any_of_its_counts(tmp_path: Path, parameters: dict) -> None:
+    path = long_c3d(tmp_path / "long.c3d", parameters)
+    raw = read_raw(path)
+    assert len(raw.position) == LONG and not raw.warnings
+    np.testing.assert_array_equal(raw.position[[0, -1], 0, 0], [0, LONG - 1])
+
+
+def test_frames_that_a_file_does_not_announce_are_a_warning(tmp_path: Path) -> None:
+    raw = read_raw(long_c3d(tmp_path / "long.c3d", {}))
+    assert len(raw.position) == 65535
+    assert re.search(
+        r"65535 frames are announced and read, but the file has data of 700\d\d; .*LONG_FRAMES", *raw.warnings
+    )
+
+
+def long_c3d(path: Path, parameters: dict[str, dict[str, list[float]]]) -> Path:
+    """Write a point that moves by 1 mm a frame over `LONG` frames; the header announces 65535."""
+    records = [struct.pack("bb", 5, -1) + b"POINT" + struct.pack("<hb", 3, 0)]
+    records += [struct.pack("bb", 5, -2) + b"TRIAL" + struct.pack("<hb", 3, 0)]
+    for number, group in enumerate(("POINT", "TRIAL"), start=1):
+        for name, values in parameters.get(group, {}).items():
+            content = struct.pack("bBB", 4, 1, len(values)) + np.array(values, "<f4").tobytes()
+            records.append(struct.pack("bb", len(name), number) + name.encode())
+            records[-1] += struct.pack("<h", 2 + len(content) + 1) + content + b"\0"
+    body = np.zeros((LONG, 4), "<f4")
+    body[:, :2] = np.arange(LONG)[:, None] + [0, 5]
+    head = struct.pack("<BBHHHHHfHHf", 2, 0x50, 1, 0, 1, 65535, 0, -1.0, 3, 0, 100.0).ljust(512, b"\0")
+    path.write_bytes(head + (bytes([1, 0x50, 1, 84]) + b"".join(records)).ljust(512, b"\0") + body.tobytes())
+    return path
 
 
 def test_unfillable_files_are_refused(tmp_path: Path, with_gaps: dict[str, np.ndarray], clip: Clip) -> None:

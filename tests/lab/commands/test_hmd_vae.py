@@ -39,7 +39,7 @@ def test_a_sweep_uses_the_given_settings(run, tmp_path: Path, monkeypatch: pytes
     from bodysense_lab.papers.hmd_vae import train as body_vae_run
 
     sweeps = []
-    monkeypatch.setattr(body_vae_run, "run_sweep", lambda _, configs: sweeps.append(configs))
+    monkeypatch.setattr(body_vae_run, "run_sweep", lambda _, configs, clips: sweeps.append(configs))
     for more in (("--grid", "one", "--beta", 1, "--origin", "pelvis"), ()):
         run("train", "hmd-vae", "--data", tmp_path, "-o", tmp_path / "nets", "--sweep", *more)
     assert {(one.beta, one.latent, one.blocks, one.origin) for one in sweeps[0]} == {(1.0, 30, 3, "pelvis")}

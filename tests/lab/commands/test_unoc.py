@@ -137,9 +137,9 @@ def test_reliability_and_transitions(tmp_path: Path, waving_clip: Clip, small_ne
 
 @pytest.mark.slow
 def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Path, run) -> None:
-    from bodysense.papers.point_model import Task
     from bodysense_lab.papers.unoc.network.export import write_point_network
     from bodysense_lab.papers.unoc.network.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig
+    from bodysense_lab.papers.unoc.point_model import Task
 
     tasks: tuple[tuple[Task, PointNetworkConfig], ...] = (("upper-body", UPPER_BODY), ("fingers", FINGERS))
     for task, config in tasks:

@@ -20,7 +20,7 @@ from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observing.observation import Observation
-from bodysense.papers.hmd_vae import (
+from bodysense_lab.papers.hmd_vae.body_vae import (
     BodyVaeEstimator,
     BodyVaeModel,
     load_body_vae,

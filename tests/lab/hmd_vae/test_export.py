@@ -13,7 +13,7 @@ from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
-from bodysense.papers.hmd_vae import BodyVaeModel, load_body_vae
+from bodysense_lab.papers.hmd_vae.body_vae import BodyVaeModel, load_body_vae
 from bodysense_lab.papers.hmd_vae.body_windows import make_batch
 from bodysense_lab.papers.hmd_vae.export import InWorld, write_vae_onnx
 from bodysense_lab.papers.hmd_vae.frames import BodyFrames, read_body_frames

@@ -18,9 +18,9 @@ from bodysense_lab.papers.hmd_vae.frames import (
     TEST_LENGTH,
     held_out,
     read_body_frames,
-    read_split_file,
-    split_clips,
 )
+from bodysense_lab.papers.hmd_vae.listed_clips import listed_clips
+from bodysense_lab.papers.hmd_vae.split_list import read_split_file
 
 
 def shorter(clip: Clip, frames: int) -> Clip:
@@ -54,7 +54,7 @@ def test_a_trial_reads_some_of_a_list(tmp_path: Path, waving_clip: Clip) -> None
     for name in names:
         write_bvh(tmp_path / name, waving_clip)
     (tmp_path / "split.txt").write_text("".join(f"{name} train\n" for name in names))
-    assert [clip.name for clip in split_clips(tmp_path, "train", tmp_path / "split.txt", 1)] == ["b"]
+    assert [clip.name for clip in listed_clips(tmp_path, "train", tmp_path / "split.txt", 1)] == ["b"]
 
 
 def test_clips_that_are_too_short_are_refused(waving_clip: Clip) -> None:
@@ -88,14 +88,14 @@ def test_a_list_decides(tmp_path: Path, waving_clip: Clip) -> None:
         write_bvh(data / f"{name}.bvh", waving_clip)
     listing = tmp_path / "split.txt"
     listing.write_text("# a protocol\n./a/one.bvh train\nb/three.bvh   test\na\\two.bvh train\n\n")
-    assert [clip.person for clip in split_clips(data, "train", listing)] == ["a", "a"]
-    assert [clip.person for clip in split_clips(data, "test", listing)] == ["b"]
+    assert [clip.person for clip in listed_clips(data, "train", listing)] == ["a", "a"]
+    assert [clip.person for clip in listed_clips(data, "test", listing)] == ["b"]
     listing.write_text("a/one.bvh train\nc/four.bvh test\n")
     with pytest.raises(BodysenseError, match=r"1 of 2 motions are not in .*'c/four\.bvh' for one"):
-        next(split_clips(data, "train", listing))
+        next(listed_clips(data, "train", listing))
     listing.write_text("a/one.bvh train\n")
     with pytest.raises(BodysenseError, match="no line of it ends in 'test'"):
-        next(split_clips(data, "test", listing))
+        next(listed_clips(data, "test", listing))
 
 
 @pytest.mark.parametrize(

@@ -17,16 +17,18 @@ from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_to_matrix
 from bodysense.io.clip import Clip
-from bodysense.papers.hmd_vae import load_body_vae
 from bodysense_lab.core.checkpoint import write_weights_file
 from bodysense_lab.core.fit import Progress, fit, rate_at
 from bodysense_lab.data.augment import mirrored as mirrored_clip
+from bodysense_lab.papers.hmd_vae import train as trainings
+from bodysense_lab.papers.hmd_vae.body_vae import load_body_vae
 from bodysense_lab.papers.hmd_vae.body_windows import VaeBatch, make_batch, mirrored
 from bodysense_lab.papers.hmd_vae.frames import BodyFrames, read_body_frames
+from bodysense_lab.papers.hmd_vae.listed_clips import vae_clips_of
 from bodysense_lab.papers.hmd_vae.network import BodyVae, read_vae
 from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig, VaeRun, VaeSchedule
 from bodysense_lab.papers.hmd_vae.task import VaeTask, joint_errors
-from bodysense_lab.papers.hmd_vae.train import run_sweep, run_vae, sweep_configs, sweep_name
+from bodysense_lab.papers.hmd_vae.train import sweep_configs, sweep_name
 
 SMALL = BodyVaeConfig(latent=4, width=16, sequence_width=8, length=8)
 SCHEDULE = VaeSchedule(steps=4, batch=8, check_every=2)
@@ -128,6 +130,16 @@ def test_names_in_a_sweep_include_other_settings() -> None:
     assert sweep_name(config) == "model2-beta0.01-latent30-blocks3"
     assert sweep_name(replace(config, origin="pelvis", samples=4)) == f"{sweep_name(config)}-pelvis-samples4"
     assert sweep_name(replace(config, samples=2)) == f"{sweep_name(config)}-samples2"
+
+
+def run_vae(run: VaeRun) -> None:
+    """Train a network on the motion that its run names."""
+    trainings.run_vae(run, vae_clips_of(run))
+
+
+def run_sweep(run: VaeRun, configs: list[BodyVaeConfig]) -> None:
+    """Train the networks of a sweep on the motion that its run names."""
+    trainings.run_sweep(run, configs, vae_clips_of(run))
 
 
 def test_written_weights_can_be_loaded(folder: Path, tmp_path: Path) -> None:

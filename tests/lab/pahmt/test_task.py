@@ -18,6 +18,7 @@ from bodysense.io.clip import Clip
 from bodysense_lab.core.fit import Progress, fit
 from bodysense_lab.core.precision import layer_autocast
 from bodysense_lab.data.augment import mirrored as mirrored_clip
+from bodysense_lab.data.clips import clips_of
 from bodysense_lab.papers.pahmt.camera_view import FRONT, sample_cameras, view, view_points
 from bodysense_lab.papers.pahmt.export import mirrored, mirrored_rotations, write_arms_onnx
 from bodysense_lab.papers.pahmt.features import Window, window_of
@@ -208,15 +209,15 @@ def test_the_table_is_trained_into_a_folder_once(folder: Path, tmp_path: Path) -
         schedule=ArmSchedule(epochs=1, batch=8),
         networks=("cnn-hands", "ahmt"),
     )
-    run_table(run)
+    run_table(run, clips_of(run))
     assert {path.name for path in (tmp_path / "table").glob("*.pt")} == {"cnn-hands.pt", "ahmt.pt"}
     assert row_run(run, "cnn-hands").config.input == "hands" and row_run(run, "pahmt").config.kind == "pahmt"
     log = (tmp_path / "table" / "ahmt.jsonl").read_text()
     assert set(json.loads(log.splitlines()[-1])["terms"]) == {"loss", "rotation", "smooth", "fk", "gan", "told"}
-    run_table(run)
+    run_table(run, clips_of(run))
     assert (tmp_path / "table" / "ahmt.jsonl").read_text() == log
     other = replace(run, schedule=replace(run.schedule, epochs=2))
     with pytest.raises(BodysenseError, match=r"ahmt\.pt is of another configuration \(schedule\.epochs: 1 → 2\)"):
-        run_table(replace(other, networks=("ahmt",)))
+        run_table(replace(other, networks=("ahmt",)), clips_of(replace(other, networks=("ahmt",))))
     with pytest.raises(BodysenseError, match="unknown network 'lstm'; valid are cnn-hands"):
-        run_table(replace(run, networks=("lstm",)))
+        run_table(replace(run, networks=("lstm",)), clips_of(replace(run, networks=("lstm",))))

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import bodysense as bs
-from bodysense.body.ik import IkSettings
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
 from bodysense.body.retarget import transfer_motion
 from bodysense.body.shape import sample_bodies
@@ -24,6 +23,7 @@ from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.observing.observation import Observation, accuracy_like, observed_points
+from bodysense_lab.papers.ik.ik import IkSettings
 from bodysense_lab.papers.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, limited, smooth
 from bodysense_lab.papers.unoc.learned import Learned, load_model
 

@@ -14,7 +14,6 @@ from split_people import write_people
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
-from bodysense.papers.point_model import load_point_model
 from bodysense_lab.core.fit import Progress, Report, fit
 from bodysense_lab.papers.unoc.network.point_network import (
     FINGERS,
@@ -24,6 +23,7 @@ from bodysense_lab.papers.unoc.network.point_network import (
     PointPrediction,
 )
 from bodysense_lab.papers.unoc.options import FingersTraining
+from bodysense_lab.papers.unoc.point_model import load_point_model
 from bodysense_lab.papers.unoc.point_task import PointSchedule, PointTask, point_loss, validate_points
 from bodysense_lab.papers.unoc.sequences.body_sequences import Augmentation, with_bent_wrists
 from bodysense_lab.papers.unoc.sequences.point_sequences import PointSequence, collate, make_point_sequence, windows

@@ -13,6 +13,7 @@ from split_people import write_people
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip
 from bodysense_lab.data.augment import mirrored
+from bodysense_lab.data.clips import clips_of
 from bodysense_lab.papers.unoc import train
 from bodysense_lab.papers.unoc.learned import Learned, load_model
 from bodysense_lab.papers.unoc.network.network import PAPER
@@ -57,7 +58,7 @@ def test_a_run_writes_a_network_that_tracks(
     """In the paper's form, with a window of 5 frames instead of 27: the export writes a step for each."""
     monkeypatch.setattr(train, "PAPER", replace(PAPER, window=5))
     run = replace(options_for(folder, tmp_path / "net.onnx"), form="paper")
-    train_body(run)
+    train_body(run, clips_of(run))
     assert sorted(path.name for path in tmp_path.iterdir()) == ["data", "net.ckpt", "net.jsonl", "net.onnx"]
     model = load_model(tmp_path / "net.onnx")
     assert model.card["training_data"] == "somebody who waves"
@@ -71,7 +72,7 @@ def test_a_run_writes_a_network_that_tracks(
     estimate, _ = learned.step(observe(waving_clip.pose, waving_clip.time, HEADSET_CAMERA)[:5], learned.start())
     assert np.isfinite(estimate.position).all()
     # Repeated, the command trains nothing, and the file keeps its validation figures.
-    train_body(run)
+    train_body(run, clips_of(run))
     assert load_model(tmp_path / "net.onnx").card == model.card
 
 

@@ -1,6 +1,7 @@
 /** A headset's frame as points of the body: where each joint is by the device that wears it (bodysense_live.protocols.webxr). */
 
 import { add, conjugate, fromAxes, multiply, rotate, scaled, UPRIGHT } from "./math.js";
+import { seenBody } from "./seen_body.js";
 import type { Point, Quaternion, Vector } from "./types.js";
 
 type Side = "left" | "right";
@@ -65,6 +66,7 @@ export class HeadsetReader {
       const position = add([p.x, p.y, p.z], rotate(rotation, scaled(shift, size)));
       points.set(name, { name, position, rotation: turned && rotation, accuracy });
     };
+    for (const point of seenBody(frame, space)) points.set(point.name, point);
     put("head", frame.getViewerPose(space), DEVICE, LOOKING, HEAD_FROM_EYES);
     for (const { handedness, hand, gripSpace, targetRayMode } of sources) {
       // A transient pointer follows the gaze during a pinch; it is not the hand's position.

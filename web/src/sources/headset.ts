@@ -66,7 +66,7 @@ export class Headset implements Source {
 
   /** Enter VR or the wearer's own room; call it from a click. Throws an Error of one line if the headset refuses. */
   async enter(mode: Immersion): Promise<void> {
-    const options = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking"] };
+    const options = { requiredFeatures: ["local-floor"], optionalFeatures: ["hand-tracking", "body-tracking"] };
     const session = await navigator.xr?.requestSession(mode, options).catch((error: unknown) => {
       throw new Error(
         `The headset did not let this page in (${error instanceof Error ? error.message : "no reason given"}); allow it, and press again.`,

@@ -11,6 +11,7 @@ import {
   cross,
   dot,
   fromAxes,
+  multiply,
   rotate,
   scaled,
   size,
@@ -21,22 +22,16 @@ import {
 } from "../body/math";
 import { ACCURACY, type Point } from "../body/observation";
 import { restOf, type Skeleton } from "../body/skeleton";
+import { CameraLevel } from "./camera_level";
+import { Laid } from "./laid";
+import { mark, MARKS, SIDES, VISIBLE, type Landmarks, type Part, type Side } from "./landmark_marks";
+import { FEET_VISIBLE, layLegs, Sitting } from "./sitting";
 
-/** MediaPipe's 33 landmarks of one frame; axes of the camera: x to the right of the picture, y up, z to the camera. */
-export interface Landmarks {
-  readonly world: readonly Vector[]; // m, from between the hips
-  readonly picture: readonly (readonly [number, number])[]; // heights of the picture, from its middle, y up
-  readonly visible: readonly number[]; // probability
-}
-
-const MARKS = { nose: 0, left_ear: 7, right_ear: 8 } as const;
-const SIDES = ["left", "right"] as const;
-const PARTS = ["shoulder", "elbow", "wrist", "pinky", "index", "thumb", "hip", "knee", "ankle", "heel", "toe"] as const;
-const VISIBLE = 0.5; // probability from which a landmark counts as seen
 const NEAR = 0.3; // m, smallest distance of a person from the camera
 const UNSEEN_LEGS = 3; // factor on the distance of a body whose legs are hidden
 const PULL = { shoulder: 1, hip: 1, elbow: 0.3, wrist: 0.3, knee: 0.3, ankle: 0.3 } as const; // weights of landmarks
 // that place the body: directions of limbs are less sure than the trunk's
+const TRUNK = { shoulder: 1, hip: 1 } as const; // the same before legs are known
 const FOLLOWED = 0.1; // s: half-life of the smoothing of the place
 const FLOOR_KEPT = 1; // s: half-life of the smoothing of the floor's height
 const LIMBS = [
@@ -47,60 +42,44 @@ const LIMBS = [
   ["ankle", "toe"],
 ] as const;
 
-function mark(side: (typeof SIDES)[number], part: (typeof PARTS)[number]): number {
-  return 11 + 2 * PARTS.indexOf(part) + (side === "left" ? 0 : 1);
-}
-
-/** A body laid along landmarks. */
-class Laid {
-  readonly rotation = new Map<string, Quaternion>();
-  private readonly points = new Map<string, { readonly place: Vector; readonly visible: number }>();
-
-  put(name: string, place: Vector, visible: number): void {
-    this.points.set(name, { place, visible });
-  }
-
-  /** Where a point is, m from the pelvis. */
-  at(name: string): Vector {
-    return this.points.get(name)?.place ?? [0, 0, 0];
-  }
-
-  /** How probable it is that a point is visible. */
-  visible(name: string): number {
-    return this.points.get(name)?.visible ?? 0;
-  }
-}
-
-/** Points of the body in the room: the camera's axes, the lowest foot on the floor, z 0 where the person was first seen.
+/** Points of the body in the room: the camera's axes without its tilt and roll, the lowest foot on the floor, z 0 where
+ * the person was first seen.
  *
  * The picture alone gives places in units of the body, whose height the tracker infers only later: metres follow from
  * the proportions of the moment.
  */
 export class LandmarkPoints {
   private begun: number | null = null; // z of the first view of the person, in pelvis heights
-  private floor: number | null = null; // the floor's height next to the camera's, in heights of the pelvis
+  private floor: number | null = null; // the floor's height over the camera's, in pelvis heights
   private readonly place = new SteadyPlace(); // of the pelvis before the camera, in its height at rest
+  private readonly level = new CameraLevel();
+  private readonly sitting = new Sitting();
 
   constructor(private readonly focal: number) {} // in heights of the picture
 
   /** Null if no torso is seen. `calm` are the landmarks smoothed, `passed`: s since the frame before. */
-  read(landmarks: Landmarks, calm: Landmarks, skeleton: Skeleton, passed: number): Point[] | null {
+  read(landmarks: Landmarks, calm: Landmarks, skeleton: Skeleton, passed: number, time: number): Point[] | null {
     if (SIDES.some((side) => calm.visible[mark(side, "shoulder")] < VISIBLE)) return null;
-    const laid = lay(calm, skeleton);
+    this.sitting.step(landmarks, time);
+    this.level.step(landmarks, time, this.sitting.isSeated);
+    const [seen, now, { room }] = [this.level.upright(calm), this.level.upright(landmarks), this.level];
+    const laid = lay(seen, skeleton);
     const up = skeleton.restOffset[1]; // m: height of the pelvis at rest
-    const [x, y, z] = this.place.follow(scaled(located(laid, landmarks, this.focal), 1 / up), passed);
+    const trunk = located(laid, now, this.focal, TRUNK);
+    const floor = this.floor === null ? null : up * this.floor;
+    layLegs(laid, seen, { place: trunk, focal: this.focal, room, floor }, skeleton, this.sitting.isSeated);
+    const place = this.place.follow(scaled(located(laid, now, this.focal, PULL), 1 / up), passed);
+    const [x, y, z] = rotate(room, place);
     this.begun ??= z;
-    const standing = standingHeight(laid, skeleton);
-    return pointsOf(laid, [up * x, up * this.height(y, standing / up, calm.visible, passed), up * (z - this.begun)]);
+    const height = standingHeight(laid, room, skeleton);
+    this.learnFloor(y - height / up, seen.visible, passed);
+    return pointsOf(laid, calm, room, [up * x, height, up * (z - this.begun)]);
   }
 
-  /** The pelvis's height over the floor; `standing`: if the lowest ankle rests. All in heights of the pelvis at rest. */
-  private height(y: number, standing: number, visible: readonly number[], passed: number): number {
+  private learnFloor(floor: number, visible: readonly number[], passed: number): void {
     const legs = SIDES.flatMap((side) => [visible[mark(side, "knee")], visible[mark(side, "ankle")]]);
-    if (Math.min(...legs) < VISIBLE) return this.floor === null ? standing : Math.min(standing, y - this.floor);
-    const floor = y - standing;
+    if (Math.min(...legs) < FEET_VISIBLE) return;
     this.floor = this.floor === null ? floor : this.floor + (1 - 2 ** (-passed / FLOOR_KEPT)) * (floor - this.floor);
-    return standing;
   }
 }
 
@@ -120,31 +99,42 @@ class SteadyPlace {
 }
 
 /** How high the pelvis is over the floor, m, if the lower foot is on it. */
-function standingHeight(laid: Laid, skeleton: Skeleton): number {
+function standingHeight(laid: Laid, room: Quaternion, skeleton: Skeleton): number {
   const rest = restOf(skeleton);
   // By the ankles alone: how far toes point down is the least sure of all, and would lift the whole body.
-  const heights = SIDES.map((side) => laid.at(`${side}_ankle`)[1] - rest(`${side}_ankle`)[1] - skeleton.restOffset[1]);
+  const heights = SIDES.map(
+    (side) => rotate(room, laid.at(`${side}_ankle`))[1] - rest(`${side}_ankle`)[1] - skeleton.restOffset[1],
+  );
   return -Math.min(...heights);
 }
 
-function pointsOf(laid: Laid, root: Vector): Point[] {
-  const legs = SIDES.flatMap((side) => ["knee", "ankle", "foot", "toe"].map((part) => `${side}_${part}`));
-  const arms = SIDES.flatMap((side) => ["shoulder", "elbow", "wrist"].map((part) => `${side}_${part}`));
-  const isSeen = (name: string): boolean => laid.visible(name) >= VISIBLE;
-  const error = ACCURACY.landmark * (legs.some(isSeen) ? 1 : UNSEEN_LEGS);
-  const turned = (name: string): Quaternion | null => laid.rotation.get(name) ?? null;
-  const points = ["head", ...arms, ...legs].filter(isSeen).map((name) => ({
-    name,
-    position: add(laid.at(name), root),
-    rotation: turned(name),
-    accuracy: error / laid.visible(name),
-  }));
-  return [...points, { name: "spine3", position: null, rotation: turned("spine3"), accuracy: error }];
+function pointsOf(laid: Laid, { visible }: Landmarks, room: Quaternion, root: Vector): Point[] {
+  const parts = (names: readonly string[]) => SIDES.flatMap((side) => names.map((part) => `${side}_${part}`));
+  const legs = parts(["knee", "ankle", "foot", "toe"]);
+  const isHidden = (part: Part): boolean => SIDES.every((side) => visible[mark(side, part)] < VISIBLE);
+  const [knees, ankles] = [isHidden("knee"), isHidden("ankle")];
+  const errorOf = (name: string): number => {
+    const isAssumed = (knees && ankles) || (knees && name.endsWith("knee")) || (ankles && name.endsWith("ankle"));
+    return ACCURACY.landmark * (isAssumed ? UNSEEN_LEGS : 1);
+  };
+  const turned = (name: string): Quaternion | null => {
+    const rotation = laid.rotation.get(name);
+    return rotation ? multiply(room, rotation) : null;
+  };
+  const points = ["head", ...parts(["shoulder", "elbow", "wrist"]), ...legs]
+    .filter((name) => laid.visible(name) >= VISIBLE)
+    .map((name) => ({
+      name,
+      position: add(rotate(room, laid.at(name)), root),
+      rotation: turned(name),
+      accuracy: errorOf(name) / laid.visible(name),
+    }));
+  return [...points, { name: "spine3", position: null, rotation: turned("spine3"), accuracy: errorOf("spine3") }];
 }
 
 function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
   const [laid, rest] = [new Laid(), restOf(skeleton)];
-  const both = (part: (typeof PARTS)[number]) => SIDES.map((side) => world[mark(side, part)]);
+  const both = (part: Part) => SIDES.map((side) => world[mark(side, part)]);
   const middle = ([a, b]: readonly Vector[]): Vector => scaled(add(a, b), 0.5);
   const [shoulders, hips] = [both("shoulder"), both("hip")];
   const spine = subtract(middle(shoulders), middle(hips));
@@ -194,7 +184,7 @@ function layBall(side: string, rest: (name: string) => Vector, laid: Laid): void
 }
 
 /** A hand's turn from the knuckles of index and little finger: fingers along ±X, the thumb's side along +Z. */
-function handOf(side: (typeof SIDES)[number], world: readonly Vector[]): Quaternion | null {
+function handOf(side: Side, world: readonly Vector[]): Quaternion | null {
   const [wrist, index, pinky] = [world[mark(side, "wrist")], world[mark(side, "index")], world[mark(side, "pinky")]];
   const along = subtract(scaled(add(index, pinky), 0.5), wrist);
   const across = subtract(index, pinky);
@@ -205,7 +195,12 @@ function handOf(side: (typeof SIDES)[number], world: readonly Vector[]): Quatern
 }
 
 /** Fit the pelvis position in the camera's axes so that joints project onto the landmarks (least squares). */
-function located(laid: Laid, { picture, visible }: Landmarks, focal: number): Vector {
+function located(
+  laid: Laid,
+  { picture, visible }: Landmarks,
+  focal: number,
+  pulls: Readonly<Partial<Record<Part, number>>>,
+): Vector {
   const normal = new Matrix3(0, 0, 0, 0, 0, 0, 0, 0, 0);
   const right = new Vector3();
   const addRow = (row: Vector, value: number, pull: number): void => {
@@ -213,10 +208,10 @@ function located(laid: Laid, { picture, visible }: Landmarks, focal: number): Ve
     for (let k = 0; k < 9; k++) normal.elements[k] += pull * pull * row[k % 3] * row[Math.floor(k / 3)];
   };
   for (const side of SIDES) {
-    for (const part of ["shoulder", "elbow", "wrist", "hip", "knee", "ankle"] as const) {
+    for (const part of Object.keys(pulls) as Part[]) {
       const q = laid.at(`${side}_${part}`);
       const [u, v] = picture[mark(side, part)];
-      const pull = PULL[part] * Math.min(Math.max(visible[mark(side, part)], 0.05), 1);
+      const pull = (pulls[part] ?? 0) * Math.min(Math.max(visible[mark(side, part)], 0.05), 1);
       addRow([focal, 0, -u], -focal * q[0] - u * q[2], pull);
       addRow([0, focal, -v], -focal * q[1] - v * q[2], pull);
     }

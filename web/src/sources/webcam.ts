@@ -1,6 +1,7 @@
 /** A webcam: a person's landmarks, found in a worker, become points of the body. Nothing leaves this browser. */
 
-import { LandmarkPoints, type Landmarks } from "./landmarks";
+import type { Landmarks } from "./landmark_marks";
+import { LandmarkPoints } from "./landmarks";
 import { mixed, type Vector } from "../body/math";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
 import type { Live } from "../live";
@@ -12,7 +13,7 @@ const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as web
 const CALM = 0.05; // s: half-life of the smoothing of landmarks
 const LONELY = 4; // s without a person before the page reports it
 const LOADING = "Loading the person detector: 23 MB, once …";
-const NOBODY = "Looking for you …";
+const LOOKING = "Looking for you …";
 const REFUSALS: Readonly<Record<string, string>> = {
   NotAllowedError:
     "The webcam was refused: allow it for this page in the browser's address bar, and press Webcam again.",
@@ -60,6 +61,8 @@ class Webcam implements Source {
   private before = 0; // ms, of the frame with a person before
   private lonely = performance.now(); // ms: when a person was last seen
   private hasReported = false;
+  private pictures = 0;
+  private withYou = 0; // of these pictures
 
   constructor(
     private readonly stream: MediaStream,
@@ -82,7 +85,11 @@ class Webcam implements Source {
 
   get title(): string {
     if (this.presence.isThere) return "You, by webcam";
-    return `You, by webcam: ${this.isOpen ? "looking for you" : "loading"}`;
+    return `You, by webcam: ${this.isOpen ? "nobody is seen" : "loading"}`;
+  }
+
+  get isAbsent(): boolean {
+    return !this.presence.isThere;
   }
 
   frame(milliseconds: number): void {
@@ -108,7 +115,7 @@ class Webcam implements Source {
   private hear(message: FromCamera): void {
     if (message.type === "opened") {
       this.isOpen = true;
-      this.small.say(NOBODY);
+      this.small.say(LOOKING);
       this.lonely = performance.now();
     } else if (message.type === "failed")
       this.say(`MediaPipe stopped (${message.reason.split("\n")[0]}): press Webcam again.`);
@@ -130,8 +137,15 @@ class Webcam implements Source {
           };
     const passed = Math.min((milliseconds - this.before) / 1000, 1);
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
-    const points = found && this.calm && this.points.read(found, this.calm, this.live.tree, passed);
-    if (!this.presence.look(points !== null, milliseconds)) this.small.say(NOBODY);
+    const points =
+      found && this.calm && this.points.read(found, this.calm, this.live.tree, passed, milliseconds / 1000);
+    const wasThere = this.presence.isThere;
+    this.pictures += 1;
+    this.withYou += points ? 1 : 0;
+    if (!this.presence.look(points !== null, milliseconds) && wasThere) {
+      const share = Math.round((100 * this.withYou) / this.pictures);
+      this.small.say(`Nobody is seen. You were in ${share} % of the pictures`);
+    }
     if (!points) {
       if (milliseconds - this.lonely > 1000 * LONELY && !this.hasReported) {
         this.hasReported = true;

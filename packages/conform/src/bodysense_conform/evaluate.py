@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.gaps import runs
+from bodysense.geometry.gaps import runs
 from bodysense_conform.expressions import columns
 from bodysense_conform.series import NotEnough, need
 from bodysense_conform.subject import Subject

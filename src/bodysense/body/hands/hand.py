@@ -153,7 +153,7 @@ def joint_angles(rotations: Array, axes: Array) -> Array:
     `axes` (..., 15, 4, 4) are the joints' own axes (`own_axes`).
     """
     xp = array_namespace(rotations)
-    own = (rotations[..., None, :] @ axes.mT)[..., 0, :]
+    own = (rotations[..., None, :] @ xp.matrix_transpose(axes))[..., 0, :]
     w, x, y, z = (own[..., k] for k in range(4))
     along, across, up = 1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)  # where the x axis points
     abduction = xp.atan2(-up, xp.sqrt(along * along + across * across))

@@ -1,4 +1,4 @@
-"""Tilt and roll of a camera, inferred from an upright standing person.
+"""Tilt and roll of a camera, inferred from an upright person: from feet to shoulders, or the trunk of one who sits.
 
 The tilt is the angle by which the camera looks down, the roll the angle about its view axis. Landmarks are corrected
 for the roll first, because networks of bodies are trained on level cameras.
@@ -19,21 +19,27 @@ _STEEPEST, _MOST_ROLLED = np.radians(35.0), np.radians(50.0)  # tilt and roll ab
 _LONGEST_MEAN = 10.0  # s, time over which angles are averaged
 _LONGEST_STEP = 0.1  # s, largest weight of a frame
 _SWAY = np.radians(3.0)  # usual lean of standing people; a camera with less roll is probably level
+_TRUNK_SHARE = 0.5  # of the tilt of a trunk that the camera has: trunks of sitting people lean as much as cameras do
+_ENOUGH = 1.0  # s of standing that count as much as the trunk
 _PARTS = ("shoulder", "hip", "knee", "ankle")
 _MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES] for part in _PARTS])
 
 
 @dataclass(frozen=True)
 class CameraLevel:
-    """Mean angles of a standing person, and the time for which the person stood."""
+    """Mean angles of a standing person and the time of standing; the tilt of a sitting person's trunk and that time."""
 
     tilt: float = 0.0  # rad by which the camera looks down
     roll: float = 0.0  # rad by which upright things lean to the right in the picture
     stood: float = 0.0  # s, time of standing so far, at most 10
     time: float = -np.inf  # s, time of the last frame that counted
+    trunk: float = 0.0  # rad by which the camera looks down if the sitting person's trunk is upright
+    sat: float = 0.0  # s, time of sitting so far, at most 10
 
-    def step(self, person: PersonLandmarks) -> CameraLevel:
-        """Return the level after one more frame of unprocessed landmarks; it is unchanged unless the person stands."""
+    def step(self, person: PersonLandmarks, is_seated: bool = False) -> CameraLevel:
+        """Return the level after a frame of unprocessed landmarks; it is unchanged unless the body is upright."""
+        if is_seated:
+            return self._sit(person)
         up = _upright(person)
         if up is None:
             return self
@@ -41,12 +47,33 @@ class CameraLevel:
         elapsed = min(time - self.time, _LONGEST_STEP)
         share = 1.0 if not self.stood else elapsed / (self.stood + elapsed)
         tilt, roll = np.arctan2(up[2], np.hypot(up[0], up[1])), np.arctan2(up[0], up[1])
-        return CameraLevel(
+        return replace(
+            self,
             tilt=self.tilt + share * (float(tilt) - self.tilt),
             roll=self.roll + share * (float(roll) - self.roll),
             stood=min(self.stood + elapsed, _LONGEST_MEAN),
             time=time,
         )
+
+    def _sit(self, person: PersonLandmarks) -> CameraLevel:
+        """Return the level after one more frame of a sitting person."""
+        if not person.has_body[0] or person.visible[0, _MARKS[0]].min() < VISIBLE:
+            return self
+        shoulders, hips = person.world[0, _MARKS[:2]].mean(axis=1)
+        up = shoulders - hips
+        tilt, time = float(np.arctan2(up[2], np.hypot(up[0], up[1]))), float(person.time[0])
+        if up[1] <= 0 or abs(tilt) > _STEEPEST:
+            return self
+        elapsed = min(time - self.time, _LONGEST_STEP)
+        share = 1.0 if not self.sat else elapsed / (self.sat + elapsed)
+        trunk = self.trunk + share * (tilt - self.trunk)
+        return replace(self, trunk=trunk, sat=min(self.sat + elapsed, _LONGEST_MEAN), time=time)
+
+    @property
+    def likely_tilt(self) -> float:
+        """rad: the tilt of the camera, from the time of standing if there was any, and from the trunk."""
+        share = self.stood / (self.stood + _ENOUGH) if self.sat else 1.0
+        return share * self.tilt + (1 - share) * _TRUNK_SHARE * self.trunk
 
     @property
     def likely_roll(self) -> float:

@@ -23,10 +23,11 @@ from bodysense.body.skeleton import ARM, Skeleton
 from bodysense.devices.video.arm_lines import align_with_lines, with_depths
 from bodysense.devices.video.arm_turns import align_arms, palm_rotations, with_palms
 from bodysense.devices.video.camera_level import CameraLevel, remove_roll, roll_matrix, tilt_matrix
-from bodysense.devices.video.landmark_points import FittedPoints, LandmarkPoints, locate_pelvis
+from bodysense.devices.video.landmark_points import TRUNK, FittedPoints, LandmarkPoints, locate_pelvis
 from bodysense.devices.video.landmark_smoothing import REACH, smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import VISIBLE, PersonLandmarks, arm_keypoints, joined_landmarks
+from bodysense.devices.video.sitting import FEET_VISIBLE, Sitting, lay_legs
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import (
     matrix_to_quaternion,
@@ -47,12 +48,12 @@ _WITH_POSITION = ("head", "left_shoulder", "right_shoulder", *_LEGS)
 _UNSEEN_LEGS = 3.0  # factor of the error if the legs are not seen, because they are then assumed to be straight
 _ARM_MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_POINTS] for side in SIDES])
 _LEG_MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in ("knee", "ankle")]
-_SOLE = ("ankle", "foot", "toe")
 _FAR = 3.0  # m, initial distance from the camera, before a person has been seen
 LANDMARK_SMOOTHING = 0.05  # s, standard deviation of the smoothing of landmarks over earlier and later frames
 _ARM_SMOOTHING = 0.03  # s, the same for arms, which move faster
 _PLACE_HALF_LIFE = 0.1  # s, half-life of a jump across the picture
 _DEPTH_HALF_LIFE = 0.3  # s, half-life of a jump toward the camera or away from it
+_FLOOR_HALF_LIFE = 1.0  # s, of the averaging of the floor's height
 
 
 @dataclass(frozen=True)
@@ -100,10 +101,12 @@ class VideoState:
     velocity: np.ndarray  # (3,) m/s, of the smoothing of this position
     root: np.ndarray  # (3,) m, last position of the pelvis in the room
     level: CameraLevel = CameraLevel()
+    sitting: Sitting = Sitting()
+    floor: float | None = None  # m, height of the floor over the camera; None before feet were seen
     begun: tuple[float, float] | None = None  # time (s) of the first sighting, and z (m) in the room then
     time: float = -np.inf  # s, time of the last sighting
     waiting: PersonLandmarks | None = None  # `done` frames that were output but are needed for smoothing, then the next
-    levels: np.ndarray = field(default_factory=lambda: np.zeros((0, 2)))  # rad, tilt and roll in each waiting frame
+    levels: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # of waiting frames: tilt, roll (rad), seated
     done: int = 0
 
 
@@ -130,14 +133,16 @@ class VideoDevice:
 
     def step(self, person: PersonLandmarks, state: VideoState) -> tuple[VideoFrames, VideoState]:
         """Add the next T ≥ 1 frames; return the frames that are ready, and the state."""
-        level, levels, frames = state.level, [], []
+        level, sitting, levels, frames = state.level, state.sitting, [], []
         for k in range(len(person)):
-            level = level.step(person[k : k + 1])
-            levels.append(self._angles(level))
+            sitting = sitting.step(person[k : k + 1])
+            level = level.step(person[k : k + 1], sitting.is_seated)
+            levels.append((*self._angles(level), sitting.is_seated))
             frames.append(remove_roll(person[k : k + 1], levels[-1][1]))
         person = joined_landmarks(frames)
         waiting = person if state.waiting is None else joined_landmarks([state.waiting, person])
         state = replace(state, waiting=waiting, levels=np.concatenate([state.levels, levels]), level=level)
+        state = replace(state, sitting=sitting)
         found, arms = self.arms.step(arm_keypoints(person), state.arms)
         return self._output(len(found), found.estimate.pose, replace(state, arms=arms))
 
@@ -145,7 +150,7 @@ class VideoDevice:
         """Return the given or learned tilt and roll (rad)."""
         tilt, roll = self.settings.tilt, self.settings.roll
         return (
-            level.tilt if tilt is None else float(np.radians(tilt)),
+            level.likely_tilt if tilt is None else float(np.radians(tilt)),
             level.likely_roll if roll is None else float(np.radians(roll)),
         )
 
@@ -163,13 +168,13 @@ class VideoDevice:
         seen = _empty_observation(person.time)
         positions, axes = np.empty((count, 3)), np.empty((count, 3, 3))
         for k in range(count):
-            settings, (tilt, roll) = self.settings, state.levels[first + k]
+            settings, (tilt, roll, seated) = self.settings, state.levels[first + k]
             room = tilt_matrix(tilt)
             smooth = smooth_frame(waiting, first + k, LANDMARK_SMOOTHING, settings.look_ahead)
             fitted = self._points.fit(smooth) if smooth.has_body[0] else None
             if fitted is not None:
                 assert turned is not None
-                state = self._follow(fitted, smooth, room, state)
+                fitted, state = self._follow(fitted, smooth, room, bool(seated), state)
                 places = smooth_frame(waiting, first + k, _ARM_SMOOTHING, settings.look_ahead).picture[0, _ARM_MARKS]
                 self._observe(
                     seen, k, fitted, smooth, self._arms(fitted, turned[k], smooth, places, state), room, state
@@ -183,21 +188,30 @@ class VideoDevice:
         frames = VideoFrames(seen, person, camera)
         return frames, replace(state, waiting=waiting[old:], levels=state.levels[old:], done=first + count - old)
 
-    def _follow(self, fitted: FittedPoints, person: PersonLandmarks, room: np.ndarray, state: VideoState) -> VideoState:
-        """Return the state with the body's position in one more frame."""
-        time, place = float(person.time[0]), locate_pelvis(fitted, person, self.skeleton, self.focal)
+    def _follow(
+        self, fitted: FittedPoints, person: PersonLandmarks, room: np.ndarray, is_seated: bool, state: VideoState
+    ) -> tuple[FittedPoints, VideoState]:
+        """Return the body with legs of its posture, and the state with its position in one more frame."""
+        time, floor = float(person.time[0]), state.floor
+        trunk = locate_pelvis(fitted, person, self.skeleton, self.focal, TRUNK)
+        fitted = lay_legs(fitted, person, trunk, self.focal, room, self.skeleton, is_seated, floor)
+        place = locate_pelvis(fitted, person, self.skeleton, self.focal)
         if state.begun is None:
-            state = replace(state, place=place, begun=(time, float((room @ place)[2])), time=time)
+            state = replace(state, place=place, begun=(time, float((room @ place)[2])))
         else:
             lives = np.array([_PLACE_HALF_LIFE] * 2 + [_DEPTH_HALF_LIFE])
             offset, velocity = spring_step(state.place - place, state.velocity, lives, time - state.time)
-            state = replace(state, place=place + offset, velocity=velocity, time=time)
+            state = replace(state, place=place + offset, velocity=velocity)
         assert state.begun is not None
-        x, _, z = room @ state.place
+        x, y, z = room @ state.place
         rest = self.skeleton.path @ self.skeleton.rest_offset + self.skeleton.rest_offset[0]
-        soles = self.skeleton.indices([f"{side}_{part}" for side in SIDES for part in _SOLE])
-        lowest = float(((fitted.position[soles] @ room.T)[:, 1] - rest[soles, 1]).min())
-        return replace(state, root=np.array([x, -lowest, z - state.begun[1]]))
+        # By the ankles alone: how far toes point down is the least sure of all.
+        ankles = self.skeleton.indices([f"{side}_ankle" for side in SIDES])
+        lowest = float(((fitted.position[ankles] @ room.T)[:, 1] - rest[ankles, 1]).min())
+        if person.visible[0, _LEG_MARKS].min() >= FEET_VISIBLE:
+            share = 1.0 if floor is None else 1 - 2 ** (-(time - state.time) / _FLOOR_HALF_LIFE)
+            floor = y + lowest if floor is None else floor + share * (y + lowest - floor)
+        return fitted, replace(state, root=np.array([x, -lowest, z - state.begun[1]]), floor=floor, time=time)
 
     def _arms(
         self, fitted: FittedPoints, arms: np.ndarray, person: PersonLandmarks, places: np.ndarray, state: VideoState
@@ -245,11 +259,13 @@ class VideoDevice:
             rotation[place] = turn
             turned[place] = is_seen[number] if part in ARM or person.has_hand[0, number] else 0.0
         visible[self._is_rotation] = 0.0
-        error = LANDMARK_ACCURACY * (1.0 if visible[self._legs].max() >= VISIBLE else _UNSEEN_LEGS)
+        hidden = person.visible[0, _LEG_MARKS].reshape(2, 2).max(axis=0) < VISIBLE  # knees, ankles
+        error = np.full(len(POINTS), LANDMARK_ACCURACY * (_UNSEEN_LEGS if hidden.all() else 1.0))
+        error[self._assumed[hidden]] = LANDMARK_ACCURACY * _UNSEEN_LEGS
         at = visible >= VISIBLE
         seen.position[frame, at] = fitted.position[where[at]] @ room.T + state.root
         seen.has_position[frame, at] = True
-        seen.accuracy[frame, at] = error / visible[at]
+        seen.accuracy[frame, at] = error[at] / visible[at]
         known = np.flatnonzero(turned >= VISIBLE)
         tilt = np.broadcast_to(matrix_to_quaternion(room), (len(known), 4))
         seen.rotation[frame, known] = quaternion_canonical(quaternion_multiply(tilt, rotation[known]))
@@ -281,9 +297,9 @@ class VideoDevice:
         return np.array([name not in _WITH_POSITION for name in POINTS])
 
     @cached_property
-    def _legs(self) -> np.ndarray:
-        """Indices of the legs in `POINTS`."""
-        return np.array([POINTS.index(name) for name in _LEGS])
+    def _assumed(self) -> np.ndarray:
+        """Indices (2, 2) of both knees and both ankles in `POINTS`."""
+        return np.array([[POINTS.index(f"{side}_{part}") for side in SIDES] for part in ("knee", "ankle")])
 
 
 def _empty_observation(time: np.ndarray) -> Observation:

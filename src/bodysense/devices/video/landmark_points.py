@@ -25,6 +25,7 @@ from bodysense.geometry.rotation import (
 
 _MARK = {name: place for place, name in enumerate(BODY_LANDMARKS)}
 _LOCATING = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")  # landmarks that define the body's position
+TRUNK = ("shoulder", "hip")  # the same before legs are known
 _NEAR = 0.3  # m, least distance of a person from the camera
 # Bones of limbs, from the trunk outward.
 _ARM, _LEG = (("shoulder", "elbow"), ("elbow", "wrist")), (("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
@@ -144,13 +145,19 @@ def with_direction(direction: np.ndarray, bone: np.ndarray) -> np.ndarray:
     return direction * (np.linalg.norm(bone) / max(float(np.linalg.norm(direction)), 1e-9))
 
 
-def locate_pelvis(fitted: FittedPoints, person: PersonLandmarks, skeleton: Skeleton, focal: float) -> np.ndarray:
-    """Return the position (3,) m of the pelvis in the camera's axes that projects joints onto their landmarks.
+def locate_pelvis(
+    fitted: FittedPoints,
+    person: PersonLandmarks,
+    skeleton: Skeleton,
+    focal: float,
+    parts: tuple[str, ...] = _LOCATING,
+) -> np.ndarray:
+    """Return the position (3,) m of the pelvis in the camera's axes that projects joints of `parts` onto landmarks.
 
     A joint at q from a pelvis at (x, y, −depth) is seen at focal · (q + (x, y)) / (depth − q_z). This is linear in x, y
     and depth, and solved by least squares.
     """
-    names = [f"{side}_{part}" for part in _LOCATING for side in SIDES]
+    names = [f"{side}_{part}" for part in parts for side in SIDES]
     marks = [BODY_LANDMARKS.index(name) for name in names]
     q = fitted.position[skeleton.indices(names)]
     seen, pull = person.picture[0, marks], np.clip(person.visible[0, marks], 0.05, 1.0)

@@ -61,6 +61,11 @@ def is_video(source: str) -> bool:
     return source.isdecimal() or Path(source).is_dir() or Path(source).suffix.lower() in (*VIDEOS, *IMAGES)
 
 
+def has_images(folder: Path) -> bool:
+    """Whether a folder has images, so that it is read as a video."""
+    return any(file.suffix.lower() in IMAGES for file in folder.iterdir())
+
+
 def open_video(source: str, rate: float = 30.0) -> Video:
     """Open a video file, a folder of images at `rate` Hz, or a webcam by its index ('0').
 

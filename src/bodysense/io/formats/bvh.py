@@ -22,7 +22,7 @@ from bodysense.files import read_bytes, written_beside
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_to_euler, slerp
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh_text import parse_bvh
-from bodysense.io.rigs.figure import Figure, positions_in_parent
+from bodysense.io.rigs.figure import LONG, Figure, LazyRotation, Rotation, positions_in_parent
 from bodysense.io.rigs.joint_file import JointFile
 
 _UNIT, _ORDER = 0.01, "ZXY"  # m of a file unit, and the channels' order, unless others are given
@@ -56,7 +56,7 @@ def read_bvh(path: str | Path, unit: float = _UNIT) -> Clip:
     except BodysenseError as error:
         raise BodysenseError(f"{path}: {error}") from None
     root = figure.position.get(0, np.tile(figure.offset[0], (len(figure), 1))) * unit
-    return Clip(path.stem, Pose(skeleton, root, figure.rotation), figure.frame_rate)
+    return Clip(path.stem, Pose(skeleton, root, figure.rotation[:]), figure.frame_rate)
 
 
 def figures_of(file: JointFile) -> list[Figure]:
@@ -82,11 +82,19 @@ def _figure(file: JointFile, root: int) -> Figure:
         end_sites=names[len(joints) :],
         parents=tuple(-1 if k == root else point[file.tree[k].parent] for k in nodes),
         offset=offset,
-        rotation=file.rotation[:, joints],
+        rotation=_rotation_of(file, joints),
         position=positions_in_parent(position, offset),
         frame_rate=file.frame_rate,
         nodes=tuple(nodes),
     )
+
+
+def _rotation_of(file: JointFile, joints: list[int]) -> Rotation:
+    """Return the rotations (T, J, 4) of some joints; of a long file they are computed when they are taken."""
+    if len(file.values) <= LONG:
+        return file.rotation[:, joints]
+    shape = (len(file.values), len(joints), 4)
+    return LazyRotation(shape, lambda frames: file.rotation_in(frames)[:, joints])
 
 
 def _unique(names: list[str]) -> tuple[str, ...]:

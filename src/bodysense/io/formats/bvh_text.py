@@ -29,6 +29,8 @@ _HIERARCHY = re.compile(
 )  # comments before
 _MOTION = re.compile(rb"(?:^|\r)[ \t]*MOTION\b", re.MULTILINE | re.IGNORECASE)
 _NOT_A_NUMBER = re.compile(rb"(?<!\S)[-+]?(?:1\.#\w+|nan\(\w*\))", re.IGNORECASE)  # as some compilers write NaN
+_SPACE = re.compile(rb"\s")
+_PART = 1 << 22  # bytes of text that are parsed at once
 _A_RATE = 5.0  # s; a longer frame time is a number of frames a second
 _TIMING = re.compile(rb"(\s*Frames\s*:\s*)(\d{1,12})(\s+Frame\s+Time\s*:\s*)(\S+)(\s*)", re.IGNORECASE)
 
@@ -38,12 +40,13 @@ class BvhFile(JointFile):
     """A BVH file: its joints and motion, and its text."""
 
     head: bytes  # everything before the first frame
-    motion: bytes  # the frames
+    motion: bytes | None  # the frames; None: read without their text
 
     @cached_property
     def lines(self) -> tuple[bytes, ...]:
         """One line a frame, line ends included; unchanged if the file has one line a frame."""
         frames, count = self.values.shape
+        assert self.motion is not None
         lines = [line for line in self.motion.splitlines(keepends=True) if line.strip()]
         if len(lines) == frames and all(len(line.split()) == count for line in lines):
             return tuple(lines)
@@ -84,7 +87,7 @@ def parse_bvh(data: bytes, path: Path) -> BvhFile:
     Raises BodysenseError, naming the file, what is wrong and the fix, for anything that is not such a file, and for
     values that are not numbers.
     """
-    file = _parsed(data, path)
+    file = _parsed(data, path, keep=False)
     if not (good := sound(file.values)).all():
         row, column = (int(k) for k in np.argwhere(~good)[0])
         value = file.values[row, column]
@@ -103,8 +106,8 @@ def open_bvh(path: str | Path) -> BvhFile:
     return replace(file, values=np.where(sound(file.values), file.values, np.nan))
 
 
-def _parsed(data: bytes, path: Path) -> BvhFile:
-    """Parse a file's bytes; values may be NaN, infinite or huge."""
+def _parsed(data: bytes, path: Path, *, keep: bool = True) -> BvhFile:
+    """Parse a file's bytes; values may be NaN, infinite or huge. `keep`: with the text of the frames."""
     check_plain(data[:64], path)
     hierarchy = _HIERARCHY.match(data)
     if hierarchy is None:
@@ -120,11 +123,16 @@ def _parsed(data: bytes, path: Path) -> BvhFile:
     rate, frames, channels = _frame_rate(path, timing[4]), int(timing[2]), sum(len(node.channels) for node in tree)
     if not frames or not channels:
         raise BodysenseError(f"{path}: {frames} frames of {channels} channels are no motion; export it again")
-    text = data[timing.end() :]
-    if b"#" in text or b"(" in text:
-        text = _NOT_A_NUMBER.sub(b"nan", text)
-    values = _numbers(path, text)
-    if values.size != frames * channels and (width := _width_of_rows(text, frames)) not in (0, channels):
+    values = _numbers(path, data, timing.end(), (frames + 1) * channels + 1)
+    head, doubts = data[: timing.end()], ()
+    if values.size == (frames + 1) * channels:  # some programs announce the frames after the first
+        doubts = (f"'Frames: {frames}' announces one frame fewer than there are; all {frames + 1} are read",)
+        head = head[: timing.start(2)] + b"%d" % (frames + 1) + head[timing.end(2) :]
+        frames += 1
+    if values.size != frames * channels and (width := _width_of_rows(data[timing.end() :], frames)) not in (
+        0,
+        channels,
+    ):
         raise BodysenseError(
             f"{path}: 'Frames: {frames}' announces {frames * channels} values ({channels} channels), but each row has "
             f"{width}; the hierarchy is of another motion: export the file again"
@@ -139,8 +147,8 @@ def _parsed(data: bytes, path: Path) -> BvhFile:
     joint = {k: joint for joint, k in enumerate(nodes)}
     return BvhFile(
         path=path,
-        head=data[: timing.end()],
-        motion=text,
+        head=head,
+        motion=_plain(data[timing.end() :]) if keep else None,
         tree=tuple(tree),
         nodes=nodes,
         joints=tuple(tree[k].name for k in nodes),
@@ -149,6 +157,7 @@ def _parsed(data: bytes, path: Path) -> BvhFile:
         channels=tuple(tree[k].channels for k in nodes),
         values=values.reshape(frames, channels),
         frame_rate=rate,
+        warnings=doubts,
     )
 
 
@@ -243,18 +252,37 @@ def _frame_rate(path: Path, text: bytes) -> float:
     return float(round(rate)) if abs(rate - round(rate)) < 1e-4 * rate else rate
 
 
-def _numbers(path: Path, text: bytes) -> np.ndarray:
-    """Return the numbers (N,) of the frames, whose text begins with one or is empty."""
-    if not text:  # np.fromstring reads one number from an empty text
-        return np.empty(0)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", DeprecationWarning)  # before NumPy 2.3 unread text is only a warning
-            return np.fromstring(text, sep=" ")
-    except (ValueError, DeprecationWarning):
-        raise BodysenseError(
-            f"{path}: {_first_bad_number(text.rstrip())!r} in the motion is not a number; mend that frame"
-        ) from None
+def _plain(text: bytes) -> bytes:
+    """Return the text of numbers with NaN as Python writes it."""
+    return _NOT_A_NUMBER.sub(b"nan", text) if b"#" in text or b"(" in text else text
+
+
+def _numbers(path: Path, data: bytes, start: int, expected: int) -> np.ndarray:
+    """Return the numbers (N,) of the frames, whose text begins at `start` with a number or is empty.
+
+    At most about `expected` numbers are made room for at once, however many the file announces.
+    """
+    values, count = np.empty(min(expected, (len(data) - start) // 2 + 2)), 0
+    while start < len(data):
+        space = _SPACE.search(data, min(start + _PART, len(data)))
+        end = len(data) if space is None else space.end()
+        text = _plain(data[start:end])
+        start = end
+        if not text.strip():  # np.fromstring reads one number from an empty text
+            continue
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error", DeprecationWarning)  # before NumPy 2.3 unread text is only a warning
+                part = np.fromstring(text, sep=" ")
+        except (ValueError, DeprecationWarning):
+            raise BodysenseError(
+                f"{path}: {_first_bad_number(text.rstrip())!r} in the motion is not a number; mend that frame"
+            ) from None
+        if count + len(part) > len(values):
+            values = np.concatenate([values[:count], np.empty(max(len(part), count))])
+        values[count : count + len(part)] = part
+        count += len(part)
+    return values[:count]
 
 
 def _first_bad_number(block: bytes) -> str:

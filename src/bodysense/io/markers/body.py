@@ -15,8 +15,15 @@ from bodysense.body.hands.hand import FINGERS
 from bodysense.body.skeleton import BODY, LEG, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import matrix_to_quaternion, quaternion_multiply, quaternion_rotate
-from bodysense.io.markers.centres import Places, axes_of, centre_of, turns_of
-from bodysense.io.markers.marker_sets import MarkerSet, Recipe, Recognised
+from bodysense.io.markers.body_layout import (
+    MarkerLayout,
+    add_centres,
+    observed_points,
+    segment_axes,
+    segment_rotations,
+)
+from bodysense.io.markers.centres import Places
+from bodysense.io.markers.marker_sets import MarkerSet, Recognised
 from bodysense.io.markers.raw_markers import (
     METRES,
     MarkerFormat,
@@ -28,7 +35,6 @@ from bodysense.io.markers.raw_markers import (
     listed,
     world_of,
 )
-from bodysense.observing.observation import Observation
 from bodysense.observing.world import (
     USUAL,
     check_overruled,
@@ -78,23 +84,22 @@ def body_of(
     unit, size = _unit(markers, file, raw, form, place, remarks)
     raw = replace(raw, unit=unit)
     places: Places = {name: convert_world(position, raw, form) for name, position in file.items()}
-    with np.errstate(invalid="ignore"):
-        accuracy = _joint_centres(markers, places, size)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        accuracy, lengths = add_centres(markers, places, segment_axes(markers, places).axes, size)
     raw, alarms = _turned_upright(raw, places, accuracy, size, form, place, remarks)
     floor = _lower_to_floor(markers, places, accuracy, form, remarks)
-    rotations = _bones(raw, known, here, places, remarks)
-    with np.errstate(invalid="ignore"):
-        frames = _frames(markers, places)
+    rotations, turn = _bones(raw, known, here, places, remarks)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        frames, _, mirrored = segment_axes(markers, places)
         _check_mirror(markers, places, frames, place)
         alarms += _check_body(places, accuracy, raw.frame_rate, place)
         if _is_between_hips(places, accuracy, size):
             del accuracy["pelvis"]
             remarks.append("the pelvis is left out: it is the middle of the hips, and ours is 9 cm over it")
-        for frame in markers.frames:
-            if frame.joint is not None and frame.name in frames and frame.joint not in rotations:
-                rotations[frame.joint] = turns_of(frames[frame.name])
+        rotations |= segment_rotations(markers, frames, rotations)
     others = _unknown_labels(raw, known, accuracy, place, of_gloves)
-    observation = _observed(raw, places, rotations, accuracy)
+    world = world_of(raw, form, floor)
+    observation = observed_points(raw.time, places, rotations, accuracy)
     seen = np.asarray(observation.has_position.any(axis=0) | observation.has_rotation.any(axis=0))
     points = [name for name, is_seen in zip(observation.points, seen, strict=True) if is_seen]
     arms_hang = not of_gloves and all(name.rpartition("_")[2] in ("pelvis", *LEG) for name in points)
@@ -109,8 +114,8 @@ def body_of(
         sizes={},
         remarks=tuple(remarks),
         raw=file_markers,
-        world=world_of(raw, form, floor),
-        has_body=True,
+        world=world,
+        layout=MarkerLayout(markers, here, size, lengths, mirrored, accuracy, world, turn),
         warnings=alarms,
         arms_hang=arms_hang,
     )
@@ -207,17 +212,6 @@ def _unit(
     return fits[0], ratio * METRES[fits[0]]
 
 
-def _joint_centres(markers: MarkerSet, places: Places, size: float) -> dict[str, float]:
-    """Add the points that follow from the markers to `places`, and return the accuracy of each in metres."""
-    frames, accuracy = _frames(markers, places), dict[str, float]()
-    for recipe in markers.points:
-        if recipe.name in accuracy or not _is_applicable(recipe, places, frames):
-            continue
-        places[recipe.name] = centre_of(recipe, places, frames, size)
-        accuracy[recipe.name] = recipe.accuracy * max(size, 0.5)
-    return accuracy
-
-
 def _turned_upright(
     raw: RawMarkers,
     places: Places,
@@ -311,10 +305,13 @@ def _lower_to_floor(
 
 def _bones(
     raw: RawMarkers, known: Recognised, here: Mapping[str, int], places: Places, remarks: list[str]
-) -> dict[str, np.ndarray]:
-    """Return rotations (T, 4) of bones whose rest pose is ours: they take our bones to the file's directions."""
+) -> tuple[dict[str, np.ndarray], np.ndarray | None]:
+    """Return rotations (T, 4) of bones whose rest pose is ours: they take our bones to the file's directions.
+
+    Also return our axes in the file's, (4,) wxyz; None if the rotations are not used.
+    """
     if raw.rotation is None or not known.markers.bones:
-        return {}
+        return {}, None
     file = np.eye(3) if raw.axes is None else raw.axes
     turn = matrix_to_quaternion(file)
     back = turn * np.array([1.0, -1.0, -1.0, -1.0])
@@ -329,8 +326,8 @@ def _bones(
                 off += _angles(turned[start], np.array([x * rest[0], *rest[1:]]), places[beyond] - places[start])
     if not off or not np.median(off) < AGREES:
         remarks.append("rotations of its bones are left out: they are not from a T-pose that faces +Z")
-        return {}
-    return {joint: turned[bone] for bone, joint in known.markers.bones.items() if bone in turned}
+        return {}, None
+    return {joint: turned[bone] for bone, joint in known.markers.bones.items() if bone in turned}, turn
 
 
 def _angles(rotation: np.ndarray, rest: np.ndarray, way: np.ndarray) -> list[float]:
@@ -339,22 +336,6 @@ def _angles(rotation: np.ndarray, rest: np.ndarray, way: np.ndarray) -> list[flo
     way = way[seen]
     cosine = (quaternion_rotate(rotation[seen], np.broadcast_to(rest, way.shape)) * way).sum(axis=-1)
     return np.arccos(np.clip(cosine / np.linalg.norm(way, axis=-1), -1, 1)).tolist()
-
-
-def _frames(markers: MarkerSet, places: Places) -> dict[str, np.ndarray]:
-    """Return the axes of every segment whose markers are present, by the first recipe that applies."""
-    frames: dict[str, np.ndarray] = {}
-    for frame in markers.frames:
-        needed = [name for _, start, end in frame.axes for name in (*start, *end)]
-        if frame.name not in frames and all(name in places for name in needed):
-            frames[frame.name] = axes_of(frame, places, frames)
-    return frames
-
-
-def _is_applicable(recipe: Recipe, places: Places, frames: Mapping[str, np.ndarray]) -> bool:
-    """Whether a recipe has its markers and its frame; a hinge needs no frame."""
-    has_frame = recipe.how == "hinge" or all(name in frames for name in recipe.frames)
-    return has_frame and all(name in places for name in recipe.markers)
 
 
 def _is_between_hips(places: Places, accuracy: Collection[str], size: float) -> bool:
@@ -378,21 +359,3 @@ def _check_mirror(markers: MarkerSet, places: Places, frames: Mapping[str, np.nd
             f"{place}: the body is a body only in a mirror: if the axes are left-handed (Unity, Unreal), give "
             "--left-handed; otherwise the labels take left for right (--names)"
         )
-
-
-def _observed(
-    raw: RawMarkers, places: Places, rotations: Mapping[str, np.ndarray], accuracy: Mapping[str, float]
-) -> Observation:
-    """Return the computed points, in the order of the skeleton."""
-    points = tuple(name for name in default_skeleton().points if name in accuracy or name in rotations)
-    frames = len(raw.time)
-    position, rotation = np.full((frames, len(points), 3), np.nan), np.full((frames, len(points), 4), np.nan)
-    for k, name in enumerate(points):
-        if name in accuracy:
-            position[:, k] = places[name]
-        if name in rotations:
-            rotation[:, k] = rotations[name]
-    seen, turned = (np.asarray(np.isfinite(values).all(axis=-1)) for values in (position, rotation))
-    position[~seen], rotation[~turned] = np.nan, np.nan
-    error = np.array([accuracy.get(name, 1.0) for name in points])
-    return Observation(points, position, rotation, seen, turned, np.broadcast_to(error, seen.shape).copy(), raw.time)

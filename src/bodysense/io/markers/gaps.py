@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.body.gaps import runs
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import smooth_step
 
 COASTING = 0.3  # s in which a marker's velocity relative to its segment fades out in a gap

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
 from bodysense.observing.observation import OPTICAL_ACCURACY, Observation, accuracy_like
+
+if TYPE_CHECKING:
+    from bodysense.io.markers.body_layout import MarkerLayout
 
 Unit = Literal["m", "cm", "mm", "in", "ft"]
 Up = Literal["y", "z"]
@@ -67,6 +70,7 @@ class RawMarkers:
     rotation: np.ndarray | None = field(default=None, repr=False)
     cells: Cells | None = field(default=None, repr=False)  # for text files of markers
     remarks: tuple[str, ...] = ()  # doubts about the file
+    warnings: tuple[str, ...] = ()  # content of the file that is not read
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +83,14 @@ class MarkerRecording:
     remarks: tuple[str, ...]  # one sentence each: what was recognised, is doubtful or was left out
     raw: RawMarkers  # unconverted
     world: FileWorld  # between the file and our world
-    has_body: bool = False  # whether its proportions can be inferred
+    layout: MarkerLayout | None = None  # of its body, whose proportions can be inferred
     warnings: tuple[str, ...] = ()  # labels that are dropped, and limbs that are guessed
     arms_hang: bool = False  # nothing above the pelvis is known
+
+    @property
+    def has_body(self) -> bool:
+        """Whether the file has the markers of a body, not of gloves alone."""
+        return self.layout is not None
 
 
 @dataclass(frozen=True)

@@ -35,24 +35,31 @@ def read_markers(path: str | Path, form: MarkerFormat = MarkerFormat()) -> Marke
 
     Raises BodysenseError naming the file, what is wrong, and the fix.
     """
-    path = Path(path)
-    raw = _of_one_subject(read_raw(path, form.rate, form.unit), form, str(path))
-    _check_table(raw, form, str(path))
+    return recording_of(read_raw(path, form.rate, form.unit), form, str(path))
+
+
+def recording_of(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
+    """Convert markers of a file or of a stream's frames; `place` names the source in messages.
+
+    Raises BodysenseError naming what is wrong, and the fix.
+    """
+    raw = _of_one_subject(raw, form, place)
+    _check_table(raw, form, place)
     of_gloves = glove_labels(raw, form)
-    gloves = _gloves(raw, form, str(path)) if of_gloves else None
+    gloves = _gloves(raw, form, place) if of_gloves else None
     known = recognised(raw.names, form.names)
     if known is None:
         if gloves is None:
             raise BodysenseError(
-                f"{path}: no marker of a glove and no marker set of a body among {listed(raw.names)}: "
+                f"{place}: no marker of a glove and no marker set of a body among {listed(raw.names)}: "
                 f"{nearest(raw.names)}; give a table of names with --names (docs/markers.md), or a glove's --marker-set"
             )
         return gloves
-    found = body_of(raw, form, known, str(path), of_gloves)
+    found = body_of(raw, form, known, place, of_gloves)
     if not found.observation.points:
-        raise BodysenseError(f"{path}: no joint follows from what is seen of {known.markers.name}; label more markers")
-    check_observation(found.observation, str(path))
-    body = replace(found, remarks=(*raw.remarks, *found.remarks))
+        raise BodysenseError(f"{place}: no joint follows from what is seen of {known.markers.name}; label more markers")
+    check_observation(found.observation, place)
+    body = replace(found, remarks=(*raw.remarks, *found.remarks), warnings=(*raw.warnings, *found.warnings))
     if gloves is None:
         return body
     # The body determines unit, axes and floor better than the gloves.
@@ -123,7 +130,13 @@ def _gloves(raw: RawMarkers, form: MarkerFormat, place: str) -> MarkerRecording:
     check_observation(observation, place)
     world = world_of(raw, form)
     return MarkerRecording(
-        observation, raw.frame_rate, check.sizes, (*raw.remarks, *remarks, *check.remarks), raw, world
+        observation,
+        raw.frame_rate,
+        check.sizes,
+        (*raw.remarks, *remarks, *check.remarks),
+        raw,
+        world,
+        warnings=raw.warnings,
     )
 
 

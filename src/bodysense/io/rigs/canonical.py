@@ -15,7 +15,7 @@ on average instead of 12, 2 cm where LowerBack bends by 24°). World rotations o
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from bodysense.geometry.rotation import (
     shortest_arc,
 )
 from bodysense.io.clip import Clip, parts_lacking
-from bodysense.io.fingers import is_finger, with_fingers
+from bodysense.io.fingers import is_finger, relaxed_fingers, relaxed_rotation
 from bodysense.io.rigs.rest_pose import (
     UPRIGHT,
     Vectors,
@@ -72,40 +72,107 @@ def canonical(
 
     Raises BodysenseError if joints are unknown or have no pelvis.
     """
-    ours, source = default_skeleton(), clip.pose.skeleton
-    for name in joints.values():
-        ours.index(name)  # raises for a name that is not ours
-    match = _match_points(source, joints, lacking)
-    if "pelvis" not in match:
-        raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
-    parents = _matched_parents(ours, match)
-    places = by_name(forward_kinematics(clip.pose)[0] if place is None else place, match)
-    if turns:
-        world, bone = _turned(clip, match, parents, must_stand)
-    else:
-        aligned = alignment(places, parents, exactly=True)
-        world, bone = {name: quaternion_conjugate(turn) for name, turn in aligned.items()}, {}
-    if place is not None:
-        for name, parent in parents.items():  # a bone that stretches has its usual place in its parent
-            bones = quaternion_rotate(quaternion_conjugate(world[parent]), places[name] - places[parent])
-            bone[name] = np.median(bones, axis=0)
-    found = world.keys()
-    skeleton = complete_skeleton(_shared_offsets(ours, bone, parents))
-    world = _aim_at_children(world, places, bone, parents)
-    world |= _missing_limbs(world, places["pelvis"], skeleton)
-    for joint, name in enumerate(ours.joints):
-        if name not in world:  # missing joints go with their parent
-            world[name] = world[ours.joints[ours.parents[joint]]]
-    local = local_rotation(skeleton, np.stack([world[name] for name in ours.joints], axis=-2))
-    pose = Pose(skeleton, places["pelvis"], quaternion_canonical(local))
-    pose, has_fingers = with_fingers(pose, [name for name in ours.joints if is_finger(name) and name not in found])
-    return replace(clip, pose=pose, has_fingers=has_fingers, lacks=parts_lacking(found))
+    return CanonicalForm.of(clip, joints, place, turns, must_stand, lacking).apply(clip, place)
 
 
-def _turned(
-    clip: Clip, match: Mapping[str, int], parents: Mapping[str, str], must_stand: bool
-) -> tuple[Vectors, Vectors]:
-    """Return world rotations (T, 4) of matched joints, and the bones (3,) to matched points in them."""
+@dataclass(frozen=True, eq=False)
+class CanonicalForm:
+    """How the joints of a source become ours, found in some of its frames; `apply` is for any frames."""
+
+    match: Mapping[str, int]  # our point → the source's
+    parents: Mapping[str, str]  # of matched points
+    bone: Vectors  # to matched points, in the frame of their parents
+    align: Vectors | None  # (4,) from the source's joints to ours at rest; None: joints do not turn
+    rest: Vectors  # (4,) world rotations of the source's joints in its rest pose
+    skeleton: Skeleton
+    sits: bool  # legs that are missing sit
+    fingers: tuple[str, ...]  # finger joints that are relaxed
+    has_fingers: bool
+
+    @staticmethod
+    def of(
+        clip: Clip,
+        joints: Mapping[str, str],
+        place: np.ndarray | None,
+        turns: bool,
+        must_stand: bool,
+        lacking: Collection[str],
+    ) -> CanonicalForm:
+        """Return the form of a clip; arguments as of `canonical`."""
+        ours, source = default_skeleton(), clip.pose.skeleton
+        for name in joints.values():
+            ours.index(name)  # raises for a name that is not ours
+        match = _match_points(source, joints, lacking)
+        if "pelvis" not in match:
+            raise BodysenseError(f"{clip.name}: no joint is its pelvis, which carries the legs and the trunk")
+        parents = _matched_parents(ours, match)
+        position, rotation = forward_kinematics(clip.pose)
+        places = by_name(position if place is None else place, match)
+        align, rest, bone = None, Vectors(), Vectors()
+        if turns:
+            align, rest, bone = _aligned(clip, match, parents, must_stand, position, rotation)
+        form = CanonicalForm(match, parents, bone, align, rest, ours, False, (), False)
+        if place is not None:
+            world = form.world(rotation, places)
+            for name, parent in parents.items():  # a bone that stretches has its usual place in its parent
+                bones = quaternion_rotate(quaternion_conjugate(world[parent]), places[name] - places[parent])
+                bone[name] = np.median(bones, axis=0)
+        skeleton = complete_skeleton(_shared_offsets(ours, bone, parents))
+        sits = bool(np.median(places["pelvis"][:, 1]) < SITTING * skeleton.rest_offset[0, 1])
+        form = replace(form, skeleton=skeleton, sits=sits)
+        pose = form.pose(position if place is None else place, rotation)
+        made_up = [name for name in ours.joints if is_finger(name) and name not in match]
+        relaxed, has_fingers = relaxed_fingers(pose, made_up)
+        return replace(form, fingers=relaxed, has_fingers=has_fingers)
+
+    def apply(self, clip: Clip, place: np.ndarray | None = None) -> Clip:
+        """Return frames of the source on our skeleton; `place` (T, P, 3) m as of `canonical`."""
+        position, rotation = forward_kinematics(clip.pose)
+        pose = self.pose(position if place is None else place, rotation)
+        for joint in self.fingers:
+            pose.rotation[:, pose.skeleton.index(joint)] = relaxed_rotation(joint)
+        lacks = parts_lacking([name for name in self.match if name in self.skeleton.joints])
+        return replace(clip, pose=pose, has_fingers=self.has_fingers, lacks=lacks)
+
+    def world(self, rotation: np.ndarray, places: Vectors) -> Vectors:
+        """Return world rotations (T, 4) of matched joints, from those of the source's (T, J, 4) or from places."""
+        if self.align is None:
+            aligned = alignment(places, self.parents, exactly=True)
+            return {name: quaternion_conjugate(turn) for name, turn in aligned.items()}
+        return _turned(self.align, self.rest, rotation, self.match)
+
+    def pose(self, place: np.ndarray, rotation: np.ndarray) -> Pose:
+        """Return the pose on our skeleton of points (T, P, 3) m and world rotations (T, J, 4) of the source."""
+        places = by_name(place, self.match)
+        world = _aim_at_children(self.world(rotation, places), places, self.bone, self.parents)
+        world |= _missing_limbs(world, self.skeleton, self.sits)
+        for joint, name in enumerate(self.skeleton.joints):
+            if name not in world:  # missing joints go with their parent
+                world[name] = world[self.skeleton.joints[self.skeleton.parents[joint]]]
+        local = local_rotation(self.skeleton, np.stack([world[name] for name in self.skeleton.joints], axis=-2))
+        return Pose(self.skeleton, places["pelvis"], quaternion_canonical(local))
+
+
+def _turned(align: Vectors, rest: Vectors, rotation: np.ndarray, match: Mapping[str, int]) -> Vectors:
+    """Return world rotations (T, 4) of joints with some alignments, from those of the source (T, J, 4)."""
+    return {
+        name: quaternion_multiply(rotation[:, match[name]], quaternion_conjugate(quaternion_multiply(turn, rest[name])))
+        for name, turn in align.items()
+    }
+
+
+def _aligned(
+    clip: Clip,
+    match: Mapping[str, int],
+    parents: Mapping[str, str],
+    must_stand: bool,
+    position: np.ndarray,
+    rotation: np.ndarray,
+) -> tuple[Vectors, Vectors, Vectors]:
+    """Return the alignments (4,) of joints, their world rotations (4,) at rest, and the bones (3,) to matched points.
+
+    `position` (T, P, 3) and `rotation` (T, J, 4) are the clip's in the world.
+    """
     stance = standing_rest(clip, match)
     if must_stand and stance.torso > UPRIGHT:
         raise BodysenseError(
@@ -113,32 +180,24 @@ def _turned(
             f"best {np.rad2deg(stance.torso):.0f}° from it); leave it out"
         )
     standing = rest_pose(clip.pose.skeleton) if stance.rest is None else _facing_forward(stance.rest, match)
-    (position, rotation), (rest_position, rest_rotation) = map(forward_kinematics, (clip.pose, standing))
+    rest_position, rest_rotation = forward_kinematics(standing)
     rest = by_name(rest_position, match)
-
-    def turned(align: Vectors) -> Vectors:  # world rotations (T, 4) with these alignments
-        return {
-            name: quaternion_multiply(
-                rotation[:, match[name]], quaternion_conjugate(quaternion_multiply(turn, rest_rotation[match[name]]))
-            )
-            for name, turn in align.items()
-        }
-
     align = alignment(rest, parents)
+    turns = {name: rest_rotation[match[name]] for name in align}
     if stance.rest is not None and not must_stand:
-        align = twisted_by_hinges(align, by_name(position, match), turned(align))
+        align = twisted_by_hinges(align, by_name(position, match), _turned(align, turns, rotation, match))
     bone = {name: quaternion_rotate(align[parent], rest[name] - rest[parent]) for name, parent in parents.items()}
-    return turned(align), bone
+    return align, turns, bone
 
 
-def _missing_limbs(world: Vectors, pelvis: np.ndarray, skeleton: Skeleton) -> Vectors:
-    """Return world rotations of missing limbs: legs stand, or sit under a low pelvis, and arms hang."""
+def _missing_limbs(world: Vectors, skeleton: Skeleton, sits: bool) -> Vectors:
+    """Return world rotations of missing limbs: legs stand, or sit, and arms hang."""
     if "left_hip" not in world:
         across = quaternion_rotate(world["pelvis"], np.array([1.0, 0.0, 0.0]))
         heading = np.zeros_like(across)
         heading[:, 1] = np.arctan2(-across[:, 2], across[:, 0])
         shin = thigh = quaternion_exp(heading)
-        if np.median(pelvis[:, 1]) < SITTING * skeleton.rest_offset[0, 1]:
+        if sits:
             thigh = quaternion_multiply(shin, np.tile(_SEATED, (len(shin), 1)))
         return {f"{side}_{part}": turn for side in _HANGING for part, turn in (("hip", thigh), ("knee", shin))}
     if "left_shoulder" not in world:

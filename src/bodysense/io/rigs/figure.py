@@ -5,7 +5,7 @@ Tree: its measured lengths, by which a body is recognised.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -19,6 +19,40 @@ SAMPLE = 120  # frames, evenly spaced, in which lengths are measured
 _BRANCHES = 12  # longest branches of a joint that are searched
 
 
+LONG = 8192  # frames; rotations of a longer motion are computed when they are taken
+BLOCK = 2048  # frames of a long motion that are computed at once
+
+
+@dataclass(frozen=True, eq=False)
+class LazyRotation:
+    """Local rotations (T, J, 4) of a long motion, computed when frames of it are taken."""
+
+    shape: tuple[int, int, int]
+    take: Callable[[np.ndarray], np.ndarray] = field(repr=False)  # frames (N,) → (N, J, 4)
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, frames: slice | np.ndarray) -> np.ndarray:
+        return self.take(np.arange(len(self))[frames])
+
+
+Rotation = np.ndarray | LazyRotation
+Index = slice | np.ndarray
+
+
+def _changed(rotation: Rotation, joints: int, change: Callable[[np.ndarray, Index], np.ndarray]) -> Rotation:
+    """Return rotations (T, joints, 4) after a change, which gets rotations (N, J, 4) and their frames."""
+    if isinstance(rotation, np.ndarray):
+        return change(rotation, slice(None))
+    return LazyRotation((len(rotation), joints, 4), lambda frames: change(rotation[frames], frames))
+
+
+def blocks_of(frames: int) -> list[slice]:
+    """Return consecutive slices of some frames."""
+    return [slice(start, min(start + BLOCK, frames)) for start in range(0, frames, BLOCK)]
+
+
 @dataclass(frozen=True, eq=False)
 class Figure:
     """One tree of a file. Points are the joints, then the end sites; parents come before their children."""
@@ -28,7 +62,7 @@ class Figure:
     end_sites: tuple[str, ...]
     parents: tuple[int, ...]  # one per point; -1 for the root
     offset: np.ndarray = field(repr=False)  # (P, 3) file units, from the parent, all rotations zero
-    rotation: np.ndarray = field(repr=False)  # (T, J, 4) parent ← joint
+    rotation: Rotation = field(repr=False)  # (T, J, 4) parent ← joint
     position: dict[int, np.ndarray] = field(repr=False)  # (T, 3) file units, of joints with channels
     frame_rate: float  # Hz
     nodes: tuple[int, ...] = field(repr=False)  # which node of the file each point is
@@ -62,7 +96,12 @@ class Figure:
     @cached_property
     def turns(self) -> bool:
         """Whether any joint turns; otherwise the motion is in positions alone."""
-        return bool(np.any(self.rotation[..., 1:]))
+        return any(bool(np.any(self.rotation[block][..., 1:])) for block in blocks_of(len(self)))
+
+    def frames(self, frames: Index) -> Figure:
+        """Return the figure in some frames."""
+        position = {joint: place[frames] for joint, place in self.position.items()}
+        return replace(self, rotation=self.rotation[frames], position=position)
 
     def above(self, point: int) -> list[int]:
         """Return a point and its ancestors up to the root."""
@@ -87,8 +126,12 @@ class Figure:
         place, turn = self.world([keep[0]])
         index = {point: new for new, point in enumerate(keep)}
         joints = [point for point in keep if point < len(self.joints)]
-        rotation = self.rotation[:, joints].copy()
-        rotation[:, 0] = turn[:, 0]
+
+        def kept(rotation: np.ndarray, frames: Index) -> np.ndarray:
+            kept = rotation[:, joints].copy()
+            kept[:, 0] = turn[frames, 0]
+            return kept
+
         offset = self.offset[keep].copy()
         position = {index[joint]: p for joint, p in self.position.items() if joint in index}
         return Figure(
@@ -97,7 +140,7 @@ class Figure:
             end_sites=tuple(self.points[point] for point in keep if point >= len(self.joints)),
             parents=tuple(-1 if point == keep[0] else index[self.parents[point]] for point in keep),
             offset=offset,
-            rotation=rotation,
+            rotation=_changed(self.rotation, len(joints), kept),
             position=position | {0: place[:, 0]},
             frame_rate=self.frame_rate,
             nodes=tuple(self.nodes[point] for point in keep),
@@ -108,7 +151,7 @@ class Figure:
         return replace(
             self,
             offset=self.offset * _MIRROR,
-            rotation=self.rotation * _MIRRORED_TURN,
+            rotation=_changed(self.rotation, len(self.joints), lambda rotation, _: rotation * _MIRRORED_TURN),
             position={joint: place * _MIRROR for joint, place in self.position.items()},
         )
 
@@ -118,15 +161,18 @@ class Figure:
         turned = [point for point in range(count, len(self.parents)) if self.points[point] in names]
         order = [*range(count), *turned, *(p for p in range(count, len(self.parents)) if p not in turned)]
         index = {point: new for new, point in enumerate(order)}
-        still = np.zeros((len(self), len(turned), 4))
-        still[..., 0] = 1
+        still = np.tile([1.0, 0.0, 0.0, 0.0], (1, len(turned), 1))
+
+        def extended(rotation: np.ndarray, _: Index) -> np.ndarray:
+            return np.concatenate([rotation, np.repeat(still, len(rotation), axis=0)], axis=1)
+
         return replace(
             self,
             joints=self.joints + tuple(self.points[point] for point in turned),
             end_sites=tuple(self.points[point] for point in order[count + len(turned) :]),
             parents=tuple(-1 if self.parents[p] < 0 else index[self.parents[p]] for p in order),
             offset=self.offset[order],
-            rotation=np.concatenate([self.rotation, still], axis=1),
+            rotation=_changed(self.rotation, count + len(turned), extended),
             nodes=tuple(self.nodes[point] for point in order),
         )
 
@@ -135,6 +181,10 @@ class Figure:
 
         An end site has its joint's rotation.
         """
+        if not isinstance(self.rotation, np.ndarray):
+            parts = [self.frames(block).world(points) for block in blocks_of(len(self))]
+            places, turns = zip(*parts, strict=True)
+            return np.concatenate(places), np.concatenate(turns)
         wanted = list(range(len(self.parents))) if points is None else points
         place: dict[int, np.ndarray] = {}
         turn: dict[int, np.ndarray] = {}
@@ -209,8 +259,7 @@ def usual_length(vectors: np.ndarray) -> float:
 def measured(figure: Figure) -> Tree:
     """Return the tree of a figure, measured in some of its frames."""
     frames = np.unique(np.linspace(0, len(figure) - 1, SAMPLE).astype(int))
-    position = {joint: place[frames] for joint, place in figure.position.items()}
-    return Tree(figure, replace(figure, rotation=figure.rotation[frames], position=position).world()[0])
+    return Tree(figure, figure.frames(frames).world()[0])
 
 
 def positions_in_parent(position: dict[int, np.ndarray], offset: np.ndarray) -> dict[int, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate
 from pathlib import Path
@@ -11,8 +11,8 @@ from typing import Self
 
 import numpy as np
 
-from bodysense.body.gaps import runs
 from bodysense.errors import BodysenseError
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, swing_twist
 from bodysense.observing.world_axes import UpAxis
 
@@ -47,6 +47,7 @@ class JointFile(ABC):
     channels: tuple[tuple[str, ...], ...]  # of each joint, 'Xposition' …, in the file's order
     values: np.ndarray  # (T, C); NaN where the file's value is not a number
     frame_rate: float  # Hz
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)  # doubts about the file
 
     @property
     def unit(self) -> str | None:
@@ -116,7 +117,11 @@ class JointFile(ABC):
     @cached_property
     def rotation(self) -> np.ndarray:
         """(T, J, 4) local rotations of the mended file."""
-        values = self.mended.values
+        return self.rotation_in(slice(None))
+
+    def rotation_in(self, frames: slice | np.ndarray) -> np.ndarray:
+        """Return the local rotations (N, J, 4) of the mended file in some frames."""
+        values = self.mended.values[frames]
         rotation = np.zeros((len(values), len(self.joints), 4))
         rotation[..., 0] = 1
         for order in {*self.order} - {""}:

@@ -316,8 +316,7 @@ def _upward(
 
 def _points_at(figure: Figure, points: Mapping[str, int], frames: np.ndarray) -> np.ndarray:
     """Return the positions (N, P, 3) of our points in some frames, file units."""
-    position = {joint: place[frames] for joint, place in figure.position.items()}
-    return replace(figure, rotation=figure.rotation[frames], position=position).world(list(points.values()))[0]
+    return figure.frames(frames).world(list(points.values()))[0]
 
 
 def _resting_axis(figure: Figure, points: Mapping[str, int]) -> UpAxis | None:

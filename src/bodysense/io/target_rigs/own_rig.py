@@ -31,6 +31,8 @@ from bodysense.io.rigged import Rigged, open_joint_file, rigged_of
 from bodysense.io.rigs.figure import positions_in_parent
 from bodysense.io.rigs.joint_file import JointFile
 
+_SAMPLE = 2000  # frames over which the constant turn between a file's joints and ours is averaged
+
 
 @dataclass(frozen=True, eq=False)
 class SourceJoints:
@@ -118,8 +120,9 @@ def joints_of_file(file: JointFile, rigged: Rigged) -> SourceJoints:
     place = {node: joint for joint, node in enumerate(file.nodes)}
     index = {name: point for point, name in enumerate(figure.points)}
     ours, sites, turn = {}, {}, {}
-    rotation = np.asarray(forward_kinematics(pose)[1])
-    world = rig.turned_to_world(world_rotation(file.rotation, file.parents))
+    frames = np.unique(np.linspace(0, len(rigged.clip) - 1, _SAMPLE).astype(int))
+    rotation = np.asarray(forward_kinematics(pose[frames])[1])
+    world = rig.turned_to_world(world_rotation(file.rotation_in(frames), file.parents))
     for name, given in rig.joints.items():
         point = index[given]
         if name in pose.skeleton.end_sites or figure.nodes[point] not in place:  # an end site cannot turn

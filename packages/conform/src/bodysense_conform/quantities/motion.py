@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.gaps import runs
 from bodysense.body.skeleton import BODY
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense_conform.series import Series, change, dot, later, need, norm
 from bodysense_conform.subject import Subject

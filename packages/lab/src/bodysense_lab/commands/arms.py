@@ -16,9 +16,10 @@ def arms(run: Flat[ArmTraining]) -> None:
     Training takes the clips with fingers of the train split and keeps the weights that are best on the val split.
     It writes NAME.onnx with the weights next to it as NAME.pt, or NAME.pt alone.
     """
+    from bodysense_lab.data.clips import clips_of
     from bodysense_lab.papers.pahmt.train import run_arms
 
-    run_arms(run)
+    run_arms(run, clips_of(run))
 
 
 def arms_table(run: Flat[ArmTableTraining]) -> None:
@@ -26,9 +27,10 @@ def arms_table(run: Flat[ArmTableTraining]) -> None:
 
     Training resumes after a stop.
     """
+    from bodysense_lab.data.clips import clips_of
     from bodysense_lab.papers.pahmt.train import run_table
 
-    run_table(run)
+    run_table(run, clips_of(run))
 
 
 def pahmt_table1(

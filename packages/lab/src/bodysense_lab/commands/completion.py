@@ -53,15 +53,18 @@ def completion(run: Flat[CompletionTraining]) -> None:
 
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
+    from bodysense_lab.completion.data.corpus_cache import read_corpus
+    from bodysense_lab.completion.data.generated_fingers import kept_fingers
     from bodysense_lab.completion.networks.publish import publish, round_network
-    from bodysense_lab.completion.train import completion_finger_network, train_completion
+    from bodysense_lab.completion.train import MotionData, completion_finger_network, train_completion
     from bodysense_lab.completion.training.task import CompletionTask
     from bodysense_lab.core.fit import announce_run
 
     check_place(run.out)
     fabric = announce_run(run, CompletionTask)
-    body = train_completion(run, fabric)
-    fingers = completion_finger_network(run, fabric)
+    data = MotionData(partial(read_corpus, run.data, limit=run.limit), kept_fingers)
+    body = train_completion(run, fabric, data)
+    fingers = completion_finger_network(run, fabric, data)
     if not fabric.is_global_zero:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
@@ -81,13 +84,16 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
 
     Training resumes from its checkpoint, the .ckpt that is written.
     """
-    from bodysense_lab.completion.train import train_fingers
+    from bodysense_lab.completion.data.corpus_cache import read_corpus
+    from bodysense_lab.completion.data.generated_fingers import kept_fingers
+    from bodysense_lab.completion.train import MotionData, train_fingers
     from bodysense_lab.completion.training.task import FingerTask
     from bodysense_lab.core.fit import announce_run
 
     check_place(run.out)
     fabric = announce_run(run, FingerTask)
-    train_fingers(run, fabric)
+    data = MotionData(partial(read_corpus, run.data, limit=run.limit), kept_fingers)
+    train_fingers(run, fabric, data)
     fabric.print(f"wrote {run.out}")
 
 
@@ -118,6 +124,7 @@ def completion_table(
 ) -> None:
     """Score the tracker on any sensors and proportions: errors, motion, feet, confidence, lattice of sensors."""
     from bodysense.cli.show import wide_console, write_numbers
+    from bodysense.parallel import parallel_map
     from bodysense_lab.completion.score.baselines import cached_mean_body, count_of_split
     from bodysense_lab.completion.score.clip_results import ClipResults
     from bodysense_lab.completion.score.reliability import draw_reliability
@@ -125,7 +132,6 @@ def completion_table(
     from bodysense_lab.completion.score.tables import CompletionSettings, completion_reports
     from bodysense_lab.completion.score.tracking import PeopleTracker, TakeTracker, step_times
     from bodysense_lab.completion.score.worst import draw_worst
-    from bodysense_lab.core.parallel import parallel_map
     from bodysense_lab.core.table import write_csv
     from bodysense_lab.data.clips import open_clips
     from bodysense_lab.data.datasets import Census, census_of, open_data_set
@@ -187,12 +193,12 @@ def kinds(scope: Flat[KindsScope]) -> None:
 
     Random pairs of a set and the same set with one more sensor show whether a sensor ever makes the body worse.
     """
+    from bodysense.parallel import parallel_map
     from bodysense_lab.completion.kinds.kind_scores import kind_jobs, kind_report, score_all
     from bodysense_lab.completion.kinds.lattice import random_edges
     from bodysense_lab.completion.kinds.lattice_scores import FRAMES, choose_scenes, score_lattice
     from bodysense_lab.completion.score.scenes import scene_of
     from bodysense_lab.completion.score.tracking import PeopleTracker
-    from bodysense_lab.core.parallel import parallel_map
     from bodysense_lab.core.scoring import RATE
     from bodysense_lab.data.clips import open_clips
     from bodysense_lab.data.datasets import open_data_set
@@ -235,10 +241,10 @@ def amass_p1(
         limit: number of clips, spread evenly; all if omitted.
         jobs: processes.
     """
+    from bodysense.parallel import parallel_map
     from bodysense_lab.completion.score.amass_p1 import listed_sources, mpjpe_interval, protocol_report, score_source
     from bodysense_lab.completion.score.tables import sample_remark
     from bodysense_lab.completion.score.tracking import PeopleTracker
-    from bodysense_lab.core.parallel import parallel_map
     from bodysense_lab.data.clips import spread_evenly
 
     check_places(json)
@@ -301,11 +307,11 @@ def scenes(
         jobs: processes; one for each core if omitted.
     """
     from bodysense.cli.show import wide_console, write_numbers
+    from bodysense.parallel import parallel_map
     from bodysense_lab.completion.score.scripted.scene_scoring import SETS, SceneWork, scene_jobs, score_headsets
     from bodysense_lab.completion.score.scripted.scene_strips import draw_strips
     from bodysense_lab.completion.score.scripted.scene_tables import merge_scores, scene_numbers, scene_reports
     from bodysense_lab.completion.score.tracking import PeopleTracker
-    from bodysense_lab.core.parallel import parallel_map
     from bodysense_lab.synthesis.scenes import KINDS
 
     check_places(json, sheet)
@@ -341,7 +347,7 @@ def untracked_fingers(
         networks: checkpoints of `bodysense train completion-fingers --leave-out NAME`.
         split: which clips of these people.
     """
-    from bodysense_lab.completion.data.corpus import read_corpus
+    from bodysense_lab.completion.data.corpus_cache import read_corpus
     from bodysense_lab.completion.score.finger_scores import finger_report, load_finger_network, score_fingers
 
     check_places(json)

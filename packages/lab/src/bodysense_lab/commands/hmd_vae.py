@@ -23,12 +23,13 @@ def hmd_vae(run: Flat[VaeTraining]) -> None:
     5 % of the sequences of each data set in the train split are held out. The command writes NAME.onnx with the weights
     next to it as NAME.pt, or NAME.pt alone; a sweep writes a folder.
     """
+    from bodysense_lab.papers.hmd_vae.listed_clips import vae_clips_of
     from bodysense_lab.papers.hmd_vae.train import run_sweep, run_vae, sweep_configs
 
     if run.sweep:
-        run_sweep(run, sweep_configs(run.config, run.grid or "few"))
+        run_sweep(run, sweep_configs(run.config, run.grid or "few"), vae_clips_of(run))
     else:
-        run_vae(run)
+        run_vae(run, vae_clips_of(run))
 
 
 def hmd_vae_figure4(
@@ -75,8 +76,8 @@ def hmd_vae_figures(
         split_file: list of the training; its motions 'PATH test' are scored instead of a split by person.
         threads: PyTorch threads; its own choice if omitted.
     """
-    from bodysense_lab.papers.hmd_vae.frames import read_split_file
     from bodysense_lab.papers.hmd_vae.scores import read_test, score_vae, vaes_in
+    from bodysense_lab.papers.hmd_vae.split_list import read_split_file
     from bodysense_lab.papers.hmd_vae.tables import metrics_report, vae_report
 
     check_list(split_file)

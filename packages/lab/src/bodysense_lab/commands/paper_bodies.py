@@ -38,8 +38,8 @@ def generate(
     from bodysense.body.skeleton import default_skeleton
     from bodysense.io.clip import Clip
     from bodysense.io.formats.bvh import write_bvh
-    from bodysense.papers.hmd_vae import load_body_vae, sample_prior
     from bodysense.pictures.sheet import draw_sheet
+    from bodysense_lab.papers.hmd_vae.body_vae import load_body_vae, sample_prior
 
     check_place(out)
     if out.suffix.lower() not in (".bvh", ".png"):
@@ -110,8 +110,8 @@ def fingers(
     from dataclasses import replace
 
     from bodysense.io.motion_files import check_ending, write_motion
-    from bodysense.papers.fingers import synthesize
-    from bodysense.papers.point_model import load_point_model
+    from bodysense_lab.papers.unoc.fingers import synthesize
+    from bodysense_lab.papers.unoc.point_model import load_point_model
 
     check_ending(out)
     clip = synthesize(open_motion(source, reading).clip, load_point_model("fingers", network))
@@ -138,8 +138,8 @@ def write_samples(recording: Recording, out: Path, count: int, seed: int, networ
     from bodysense.io.clip import Clip
     from bodysense.io.motion_files import write_motion
     from bodysense.io.resample import at_constant_rate
-    from bodysense.papers.hmd_vae import BodyVaeEstimator, load_body_vae, sample_noise
-    from bodysense.papers.target_ik import TargetIk
+    from bodysense_lab.papers.hmd_vae.body_vae import BodyVaeEstimator, load_body_vae, sample_noise
+    from bodysense_lab.papers.ik.target_ik import TargetIk
 
     observation = recording.observation
     other = [name for name in observation.points if name not in THREE_POINTS]

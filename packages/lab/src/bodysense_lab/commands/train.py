@@ -43,9 +43,10 @@ def checked(train: Callable[[Any], None]) -> Callable[[Any], None]:
 
 def body_gru(run: Flat[BodyTraining]) -> None:
     """Train the body network (UNOC) and write it as one .onnx file; training resumes after a stop."""
+    from bodysense_lab.data.clips import clips_of
     from bodysense_lab.papers.unoc.train import train_body
 
-    train_body(run)
+    train_body(run, clips_of(run))
 
 
 def unoc_tables(run: Flat[TablesTraining]) -> None:
@@ -60,9 +61,10 @@ def unoc_tables(run: Flat[TablesTraining]) -> None:
 
 def fingers(run: Flat[FingersTraining]) -> None:
     """Train finger synthesis (UNOC, section 5.3) and write it as one .onnx file; training resumes after a stop."""
+    from bodysense_lab.data.clips import clips_of
     from bodysense_lab.papers.unoc.train import train_points
 
-    train_points(run)
+    train_points(run, clips_of(run))
 
 
 def upper_body(run: Flat[UpperBodyTraining]) -> None:
@@ -70,9 +72,10 @@ def upper_body(run: Flat[UpperBodyTraining]) -> None:
 
     Training resumes after a stop.
     """
+    from bodysense_lab.data.clips import clips_of
     from bodysense_lab.papers.unoc.train import train_points
 
-    train_points(run)
+    train_points(run, clips_of(run))
 
 
 def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:

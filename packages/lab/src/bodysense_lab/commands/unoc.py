@@ -99,7 +99,7 @@ def unoc_table5(
         networks: NAME=FOLDER for each training set, written by `bodysense train unoc-tables --networks gru`.
         finger_networks: NAME=FILE for each training set, written by `bodysense train fingers --form paper`.
     """
-    from bodysense.papers.point_model import load_point_model
+    from bodysense_lab.papers.unoc.point_model import load_point_model
     from bodysense_lab.papers.unoc.score.cross_table import cross_report, synthesis_errors
     from bodysense_lab.papers.unoc.score.variant_scores import networks_in, score_pairs
 
@@ -174,9 +174,9 @@ def finger_synthesis(data: Data, split: Split = "test", model: Path | None = Non
         split: people or actions to score.
         model: network written by `bodysense train fingers`; the packaged one if omitted.
     """
-    from bodysense.papers.point_model import load_point_model
     from bodysense_lab.core.scoring import group_of
     from bodysense_lab.data.datasets import gather_results, open_data_set
+    from bodysense_lab.papers.unoc.point_model import load_point_model
     from bodysense_lab.papers.unoc.score.finger_scores import examples_of, finger_errors, finger_report
 
     check_places(json)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from lightning_fabric import Fabric
 from torch import Tensor
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.completion.data.corpus import Corpus, read_corpus
+from bodysense_lab.completion.data.corpus import Corpus, CorpusReader
 from bodysense_lab.completion.data.sensor_draws import draw_sensors, draw_usual_sensors
 from bodysense_lab.completion.networks.fingers import FingerConfig, FingerNetwork
 from bodysense_lab.completion.networks.network import CompletionNetwork
@@ -37,14 +38,22 @@ _MOMENT_BATCHES, _KNOWN_SEED, _NEW_SEED = 40, 3, 11  # batches and seeds of inpu
 _VALIDATION_STRIDE = 3  # every n-th validation clip is scored at a checkpoint
 
 
-def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionNetwork:
+@dataclass(frozen=True)
+class MotionData:
+    """Motion that the networks learn from."""
+
+    corpora: CorpusReader  # recorded
+    generated_fingers: Callable[[float, int, Path], np.ndarray]  # hours, seed and folder to keep them → (N, 30, 4)
+
+
+def train_completion(options: CompletionTraining, fabric: Fabric, data: MotionData) -> CompletionNetwork:
     """Train or resume, and return the network with the best weights on validation people.
 
     With `options.keep`, they are averaged with the initial weights (Wortsman et al. 2022, "Robust fine-tuning of
     zero-shot models"), which keeps part of the training's effect at a smaller loss of accuracy. Raises BodysenseError
     if fingers are to be trained and no training clip has fingers.
     """
-    train, val = _begin(options, fabric)
+    train, val = _begin(options, fabric, data.corpora)
     if options.finger_steps and not len(train.with_fingers):
         raise BodysenseError(f"{options.data}: no training clip has fingers that move; give --finger-steps 0")
     fabric.print(f"{train.minutes:.0f} minutes of motion to train on, {val.minutes:.0f} to validate")
@@ -68,7 +77,7 @@ def train_completion(options: CompletionTraining, fabric: Fabric) -> CompletionN
         protection = Protection.of(network, _moments(usual, _KNOWN_SEED))
         sensors = partial(draw_usual_sensors, usual=False)
     if options.draw_processes:
-        sampler = CorpusSampler(options.data, options.limit, options.backward, sensors)
+        sampler = CorpusSampler(data.corpora, options.backward, sensors)
         drawing = Drawing(sampler, options.folder / "ring", options.draw_processes, options.plays)
     task = CompletionTask(
         *(network, config, options.schedule, train, validation, source),
@@ -94,7 +103,7 @@ def _moments(task: CompletionTask, seed: int) -> dict[str, Tensor]:
     return input_moments(task.network.eval(), batches, lambda batch: torch.ones_like(batch.usual))
 
 
-def completion_finger_network(run: CompletionTraining, fabric: Fabric) -> FingerNetwork:
+def completion_finger_network(run: CompletionTraining, fabric: Fabric, data: MotionData) -> FingerNetwork:
     """Return the finger network for the file of a body's network.
 
     It is trained for `run.finger_steps`. With 0 steps it is that of the file `run.begin_with`; without that file, or if
@@ -103,7 +112,8 @@ def completion_finger_network(run: CompletionTraining, fabric: Fabric) -> Finger
     if run.finger_steps:
         schedule = replace(FINGER_SCHEDULE, steps=run.finger_steps, seed=run.schedule.seed)
         shared = {name: getattr(run, name) for name in ("data", "limit", "threads", "devices", "nodes")}
-        return train_fingers(FingerTraining(out=run.folder / "fingers.ckpt", schedule=schedule, **shared), fabric)
+        options = FingerTraining(out=run.folder / "fingers.ckpt", schedule=schedule, **shared)
+        return train_fingers(options, fabric, data)
     if run.begin_with is not None and run.begin_with.suffix == ".safetensors" and not run.backward:
         from bodysense_lab.completion.networks.weights_file import read_weights
 
@@ -112,12 +122,13 @@ def completion_finger_network(run: CompletionTraining, fabric: Fabric) -> Finger
 
 
 def train_fingers(
-    options: FingerTraining, fabric: Fabric, config: FingerTaskConfig = FingerTaskConfig()
+    options: FingerTraining, fabric: Fabric, data: MotionData, config: FingerTaskConfig = FingerTaskConfig()
 ) -> FingerNetwork:
     """Train or resume, and return the finger network with the best weights on validation clips."""
-    train, val = _begin(options, fabric)
+    train, val = _begin(options, fabric, data.corpora)
     with fabric.rank_zero_first():
-        generated = _generated_fingers(options) if options.generated_hours else None
+        hours, seed = options.generated_hours, options.schedule.seed
+        generated = data.generated_fingers(hours, seed, options.folder) if hours else None
     if options.leave_out:
         train, val = (without_person(corpus, options.leave_out) for corpus in (train, val))
     network = FingerNetwork(config.network)
@@ -128,11 +139,13 @@ def train_fingers(
     return network.cpu()
 
 
-def _begin(options: CompletionTraining | FingerTraining, fabric: Fabric) -> tuple[Corpus, Corpus]:
+def _begin(
+    options: CompletionTraining | FingerTraining, fabric: Fabric, corpora: CorpusReader
+) -> tuple[Corpus, Corpus]:
     """Set seed and threads, and return the training and the validation motion."""
     set_seed_and_threads(options.schedule.seed, options.threads)
     with fabric.rank_zero_first():  # other processes find the corpus in the cache
-        return read_corpus(options.data, "train", options.limit), read_corpus(options.data, "val", options.limit)
+        return corpora("train"), corpora("val")
 
 
 def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
@@ -148,17 +161,6 @@ def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
     if published.config != network.config:
         raise BodysenseError(f"{path}: built as {published.config}, wanted {network.config}; give another --begin-with")
     return published.state_dict()
-
-
-def _generated_fingers(options: FingerTraining) -> np.ndarray:
-    """Return generated fingers, which are stored in the folder of the run."""
-    from bodysense_lab.completion.data.generated_fingers import generate_fingers, read_fingers, write_fingers
-
-    hours, seed = options.generated_hours, options.schedule.seed
-    kept = options.folder / f"fingers-{hours:g}h-{seed}.npz"
-    if not kept.is_file():
-        write_fingers(kept, generate_fingers(hours, seed))
-    return read_fingers(kept)
 
 
 def without_person(corpus: Corpus, person: str) -> Corpus:

@@ -76,18 +76,6 @@ def load_pyplot() -> Any:
     return pyplot
 
 
-def draw_bars(path: str | Path, groups: Sequence[str], series: Sequence[Bars], title: str, note: str) -> None:
-    """Draw bars with heights from −1 to 1 into a PNG file; up to three series."""
-    pyplot = load_pyplot()
-    figure, axis = pyplot.subplots(figsize=(max(6.0, 1.1 * len(groups) + 1.5), 4.0), layout="constrained")
-    _draw(axis, BarPanel(title, tuple(groups), tuple(series), "mean preference"))
-    axis.set_ylim(-1.2, 1.2)
-    axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=len(series), frameon=False, title=note)
-    with written_beside(path) as beside:
-        figure.savefig(beside, dpi=130)
-    pyplot.close(figure)
-
-
 def draw_panels(path: str | Path, panels: Sequence[Panel], title: str) -> None:
     """Draw panels one below the other into a PNG file; panels of bars share a legend."""
     pyplot = load_pyplot()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -10,9 +11,12 @@ from typing import Annotated, Any, Literal, TypeVar
 import tyro
 
 from bodysense.errors import BodysenseError
+from bodysense.io.clip import Clip
+from bodysense.io.datasets.splits import Split as DataSplit
 from bodysense.ranges import Count, Processes, Seed, within
 
 Split = Literal["train", "val", "test", "all"]
+SplitReader = Callable[[DataSplit], Iterator[Clip]]  # clips of a split, read as they are taken
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 Rate = Annotated[float, within(float, 1, 200)]  # Hz, of frames that clients send
 Minutes = Annotated[float, within(float, 0.01, 100_000)]

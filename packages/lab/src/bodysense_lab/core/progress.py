@@ -7,16 +7,11 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import Progress
 from torch import distributed
-
-from bodysense.io.clip import Clip
-from bodysense.io.datasets.splits import Split
-from bodysense_lab.data.clips import count_training_clips, training_clips
 
 _EVERY = 15.0  # s between lines of a log
 Item = TypeVar("Item")
@@ -58,12 +53,6 @@ def with_progress_log(items: Iterable[Item], what: str, total: int | None = None
         for item in items:
             yield item
             advance(1)
-
-
-def read_clips(directory: Path, split: Split, limit: int | None = None) -> Iterator[Clip]:
-    """Return the clips of a split that a training reads; display progress over them. Errors: see `training_clips`."""
-    total = count_training_clips(directory, split, limit)
-    return with_progress_log(training_clips(directory, split, limit), f"reading the {split} split", total)
 
 
 def _progress_line(what: str, reached: int, total: int | None, seconds: float) -> str:

@@ -12,9 +12,9 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn, TimeRemainin
 from rich.progress import Progress as Bars
 
 from bodysense.errors import BodysenseError
+from bodysense.parallel import worker_pool
 from bodysense_lab.core.checkpoint import identity_differences
 from bodysense_lab.core.fit import Progress, Report, progress_line, progress_printer
-from bodysense_lab.core.parallel import worker_pool
 
 # Train the network of a name, and call a report with its progress. Returns a line about the result.
 Train = Callable[[str, Report], str]

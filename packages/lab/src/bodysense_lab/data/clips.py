@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import fields
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -13,6 +14,8 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.datasets.splits import SPLITS, Split, empty_split
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
+from bodysense_lab.core.options import MotionRun, SplitReader
+from bodysense_lab.core.progress import with_progress_log
 from bodysense_lab.data.store import read_store
 
 if TYPE_CHECKING:
@@ -74,6 +77,17 @@ def training_clips(directory: str | Path, split: Split, limit: int | None = None
     more = list(islice(fingers, lacking))
     dropped = {id(clip) for clip in plain[len(plain) - len(more) :]}
     return iter([clip for clip in first if id(clip) not in dropped] + more)
+
+
+def read_clips(directory: Path, split: Split, limit: int | None = None) -> Iterator[Clip]:
+    """Return the clips of a split that a training reads; display progress over them. Errors: see `training_clips`."""
+    total = count_training_clips(directory, split, limit)
+    return with_progress_log(training_clips(directory, split, limit), f"reading the {split} split", total)
+
+
+def clips_of(run: MotionRun) -> SplitReader:
+    """Return the reader of the motion that a run learns from."""
+    return partial(read_clips, run.data, limit=run.limit)
 
 
 def count_training_clips(directory: str | Path, split: Split, limit: int | None = None) -> int:

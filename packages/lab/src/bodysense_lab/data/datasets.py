@@ -12,7 +12,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.catalogue import CATALOGUE, Entry
 from bodysense.io.datasets.splits import Split
-from bodysense_lab.core.parallel import parallel_map
+from bodysense.parallel import parallel_map
 from bodysense_lab.data.clips import FINGER_SEARCH_CLIPS, count_clips, open_clips
 
 QUICK_CLIPS = 12  # maximum number of clips with --quick

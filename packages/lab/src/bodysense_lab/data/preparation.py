@@ -26,7 +26,7 @@ from bodysense.io.formats.body_model import read_model
 from bodysense.io.placement import BodyPlacement, Footing, body_in_file, footing_of, placement_of
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.resample import resample
-from bodysense_lab.core.parallel import parallel_map
+from bodysense.parallel import parallel_map
 from bodysense_lab.data.bodies import body_lines, pool_footings
 from bodysense_lab.data.store import (
     ARRAYS,

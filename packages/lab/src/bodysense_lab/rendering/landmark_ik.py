@@ -8,7 +8,6 @@ from functools import cached_property
 import numpy as np
 
 from bodysense.body.arms import HAND_POINTS, SIDES
-from bodysense.body.ik import IkSettings, IkState, InverseKinematics
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.video.device import LANDMARK_SMOOTHING, VideoSettings
@@ -16,6 +15,7 @@ from bodysense.devices.video.landmark_points import LandmarkPoints, with_directi
 from bodysense.devices.video.landmark_smoothing import smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import VISIBLE, PersonLandmarks
+from bodysense_lab.papers.ik.ik import IkSettings, IkState, InverseKinematics
 
 _KNUCKLES = {"index1": "index", "pinky1": "pinky", "thumb2": "thumb"}  # of a hand without its own landmarks
 _LAID = tuple(f"{side}_{part}" for side in SIDES for part in ("elbow", "wrist", "knee", "ankle", "toe"))

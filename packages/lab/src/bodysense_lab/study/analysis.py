@@ -1,25 +1,49 @@
-"""Preferences of a study's raters: means, standard errors and t-tests, as in UNOC's Fig. 6; and simulated raters.
+"""User study (UNOC, section 5.1, Fig. 6; reproduce.md 1.18): key, answers of raters, and their mean preferences.
 
-The paper attributes +1 and −1 to the two techniques of a pair, averages *each participant's* votes over the scenes, and
-tests those averages against zero: it reports t(38) for 39 participants. This module does the same. Over all scenes, n
-is the number of raters and a value is a rater's mean. In one scene a value is a rater's single vote. Votes are never
-pooled over scenes, because those of one rater are not independent. As in the paper, p is not corrected for the number
-of tests.
+Each scene is rendered under three conditions. A rater sees every pair of every scene once, side by side, and chooses
+the more natural one or neither. Animations have opaque names. The key maps them to conditions and is never served.
+A vote is +1 for the first of a comparison and −1 for the second. As in the paper, a value is a rater's mean vote over
+the scenes, tested against zero; votes of one rater are not independent, so they are never pooled. p is not corrected
+for the number of tests.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal, get_args
 
 import numpy as np
 from scipy import stats
 
 from bodysense.errors import BodysenseError
-from bodysense_lab.core.table import write_rows
-from bodysense_lab.study.study import COMPARISONS, CONDITIONS, Answers, Choice, Condition, StudyKey, pairs_for
+from bodysense.files import written_beside
+
+Condition = Literal["truth", "ours", "baseline"]
+CONDITIONS: tuple[Condition, ...] = get_args(Condition)
+COMPARISONS: tuple[tuple[Condition, Condition], ...] = (("truth", "ours"), ("ours", "baseline"), ("truth", "baseline"))
+SIGNS = {"left": 1, "right": -1, "none": 0}  # of choices
+KEY_FORMAT, ANSWERS_FORMAT = "bodysense study key 1", "bodysense study answers 1"
+
+
+@dataclass(frozen=True)
+class StudyKey:
+    """Key to the animations of a study."""
+
+    study: str  # opaque name
+    scenes: dict[str, dict[str, Condition]]  # condition of each animation, by the scene's name
+
+    def comparison(self, left: str, right: str) -> tuple[int, int, int]:
+        """Return scene and comparison of a pair, and 1, or −1 in reverse order. Raises KeyError if it is none."""
+        for scene, clips in enumerate(self.scenes.values()):
+            if left in clips and right in clips and left != right:
+                pair = (clips[left], clips[right])
+                reverse = pair not in COMPARISONS
+                return scene, COMPARISONS.index(pair[::-1] if reverse else pair), -1 if reverse else 1
+        raise KeyError(f"{left}, {right}")
 
 
 @dataclass(frozen=True)
@@ -32,55 +56,72 @@ class Preference:
     p: float  # two-sided
     n: int
 
-    @property
-    def stars(self) -> str:
-        """'**' for p < 0.01, '*' for p < 0.05."""
-        return "**" if self.p < 0.01 else "*" if self.p < 0.05 else ""
 
+def draw_key(scenes: Sequence[str], generator: np.random.Generator) -> StudyKey:
+    """Draw a key with new opaque names for the animations of named scenes.
 
-@dataclass(frozen=True)
-class StudyResult:
-    """Preferences by scene, and over all scenes under the name None, for each of `COMPARISONS`."""
+    Every ring is truth → ours → baseline from a random start, so that the page can balance sides without the key.
+    """
 
-    scenes: tuple[str, ...]
-    preferences: dict[str | None, tuple[Preference, ...]]
+    def opaque() -> str:
+        return generator.bytes(6).hex()
 
-    @property
-    def raters(self) -> int:
-        """Number of raters."""
-        return self.preferences[None][0].n
-
-    def numbers(self) -> dict[str, float]:
-        """Return one flat object: `truth_over_ours_mean`, `<scene>_truth_over_ours_p` …; finite values only."""
-        result: dict[str, float] = {"raters": self.raters, "scenes": len(self.scenes)}
-        for scene, preferences in self.preferences.items():
-            for (first, second), one in zip(COMPARISONS, preferences, strict=True):
-                key = f"{first}_over_{second}" if scene is None else f"{scene}_{first}_over_{second}"
-                for name in ("mean", "standard_error", "t", "p"):
-                    result[f"{key}_{name}"] = getattr(one, name)
-        return {key: value for key, value in result.items() if math.isfinite(value)}
-
-
-def analyze(key: StudyKey, answers: Sequence[Answers]) -> StudyResult:
-    """Return the preferences of raters, per scene and over all scenes."""
-    cast = votes(key, answers)
-    names = tuple(scene.name for scene in key.scenes)
-    count = range(len(COMPARISONS))
-    result: dict[str | None, tuple[Preference, ...]] = {
-        name: tuple(preference(cast[:, scene, which]) for which in count) for scene, name in enumerate(names)
+    starts = generator.integers(len(CONDITIONS), size=len(scenes))
+    rings = [CONDITIONS[start:] + CONDITIONS[:start] for start in starts]
+    clips: dict[str, dict[str, Condition]] = {
+        name: {opaque(): one for one in ring} for name, ring in zip(scenes, rings, strict=True)
     }
-    result[None] = tuple(preference(cast[:, :, which].mean(axis=1)) for which in count)
-    return StudyResult(names, result)
+    return StudyKey(opaque(), clips)
 
 
-def votes(key: StudyKey, answers: Sequence[Answers]) -> np.ndarray:
-    """Return votes (raters, scenes, comparisons): +1 for the first condition, −1 for the second, 0 for neither."""
-    cast = np.zeros((len(answers), len(key.scenes), len(COMPARISONS)))
-    for rater, one in enumerate(answers):
-        for left, right, choice in one.given:
-            which, sign = _comparison(key.condition_of(left), key.condition_of(right))
-            cast[rater, key.scene_of[left], which] = sign * {"left": 1, "right": -1, "none": 0}[choice]
-    return cast
+def write_key(path: Path, key: StudyKey) -> None:
+    """Write a key as JSON."""
+    _write(path, {"format": KEY_FORMAT, "study": key.study, "scenes": key.scenes})
+
+
+def read_key(path: Path) -> StudyKey:
+    """Read a key. Raises BodysenseError for another kind of file."""
+    content = _read(path, KEY_FORMAT, "give the key.json that `bodysense study build` wrote")
+    scenes: Any = content.get("scenes")
+    sound = isinstance(scenes, dict) and scenes and all(isinstance(clips, dict) for clips in scenes.values())
+    if not sound or any(sorted(map(str, clips.values())) != sorted(CONDITIONS) for clips in scenes.values()):
+        raise BodysenseError(
+            f"{path}: not every scene has an animation each of {', '.join(CONDITIONS)}; build the study again"
+        )
+    return StudyKey(str(content.get("study")), scenes)
+
+
+def read_votes(path: Path, key: StudyKey) -> tuple[str, np.ndarray]:
+    """Read a rater's name and votes (scenes, comparisons). Raises BodysenseError unless every pair is answered once."""
+    content = _read(path, ANSWERS_FORMAT, "give a file that the study's page saved")
+    if content.get("study") != key.study:
+        raise BodysenseError(f"{path}: answers of study {content.get('study')!r}, but the key is of {key.study!r}")
+    cast = np.full((len(key.scenes), len(COMPARISONS)), np.nan)
+    try:
+        for row in content["answers"]:
+            scene, which, sign = key.comparison(row["left"], row["right"])
+            if not np.isnan(cast[scene, which]):
+                raise BodysenseError(f"{path}: {row['left']}, {row['right']} is answered twice; save the answers again")
+            cast[scene, which] = sign * SIGNS[row["choice"]]
+        rater = str(content["rater"])
+    except (KeyError, TypeError) as error:
+        raise BodysenseError(f"{path}: not answers of this study ({error!r}); save them again") from None
+    if missing := int(np.isnan(cast).sum()):
+        raise BodysenseError(f"{path}: {missing} of {cast.size} pairs are not answered; let the rater finish")
+    return rater, cast
+
+
+def read_all_votes(paths: Sequence[Path], key: StudyKey) -> np.ndarray:
+    """Read the votes (raters, scenes, comparisons) of all raters. Raises BodysenseError for a repeated rater."""
+    if not paths:
+        raise BodysenseError("no answers are given; name at least one file that the study's page saved")
+    found: dict[str, np.ndarray] = {}
+    for path in paths:
+        rater, cast = read_votes(path, key)
+        if rater in found:
+            raise BodysenseError(f"{path}: rater {rater!r} has answered in another file, too; give one of them")
+        found[rater] = cast
+    return np.stack(list(found.values()))
 
 
 def preference(values: np.ndarray) -> Preference:
@@ -97,66 +138,61 @@ def preference(values: np.ndarray) -> Preference:
     return Preference(mean, float(stats.sem(values)), t, p, n)
 
 
-def write_csv(path: str | Path, result: StudyResult) -> None:
-    """Write a row for every scene and comparison, then rows over all scenes, as CSV."""
-    rows = [
-        (
-            scene or "(all)",
-            f"{first} over {second}",
-            one.mean,
-            one.standard_error,
-            one.t,
-            one.p,
-            one.n,
-        )
-        for scene, preferences in result.preferences.items()
-        for (first, second), one in zip(COMPARISONS, preferences, strict=True)
-    ]
-    write_rows(path, ("scene", "comparison", "mean", "standard_error", "t", "p", "n"), rows)
+def preferences(key: StudyKey, cast: np.ndarray) -> dict[str, list[Preference]]:
+    """Return the preferences for each of `COMPARISONS` by scene, and over all scenes as '(all)'."""
+    values = {name: cast[:, scene] for scene, name in enumerate(key.scenes)} | {"(all)": cast.mean(axis=1)}
+    return {name: [preference(votes) for votes in of.T] for name, of in values.items()}
 
 
-def simulate_answers(
-    key: StudyKey,
-    raters: int,
-    quality: Mapping[Condition, float],
-    generator: np.random.Generator,
-    ties: float = 0.2,
-) -> list[Answers]:
-    """Return answers of simulated raters; the mean vote on a pair is the difference of its conditions' quality.
+def study_numbers(found: Mapping[str, list[Preference]]) -> dict[str, float]:
+    """Return one flat object: `truth_over_ours_mean`, `<scene>_truth_over_ours_p` …; finite values only."""
+    numbers: dict[str, float] = {"raters": found["(all)"][0].n, "scenes": len(found) - 1}
+    for scene, rows in found.items():
+        for (first, second), one in zip(COMPARISONS, rows, strict=True):
+            key = f"{first}_over_{second}" if scene == "(all)" else f"{scene}_{first}_over_{second}"
+            numbers |= {f"{key}_{name}": getattr(one, name) for name in ("mean", "standard_error", "t", "p")}
+    return {key: value for key, value in numbers.items() if math.isfinite(value)}
+
+
+def write_simulated_answers(
+    folder: Path, key: StudyKey, raters: int, quality: Mapping[str, float], rng: np.random.Generator, ties: float = 0.2
+) -> None:
+    """Write answers of simulated raters; the mean vote on a pair is the difference of its conditions' quality.
 
     Conditions that `quality` lacks have 0. Votes are independent. The share of 'no difference' is `ties` for equal
     quality and falls to 0 for a difference of ±1. Raises BodysenseError for a difference beyond that.
     """
-    if raters < 1:
-        raise BodysenseError(f"{raters} raters cannot answer; give at least 1")
-    if not 0 <= ties <= 1:
-        raise BodysenseError(f"ties {ties:g} is not a share; give a number from 0 to 1")
-    level = {condition: float(quality.get(condition, 0.0)) for condition in CONDITIONS}
     for first, second in COMPARISONS:
-        difference = level[first] - level[second]
-        if not abs(difference) <= 1:
-            raise BodysenseError(
-                f"the quality of {first} minus that of {second} is {difference:g}; mean votes are from -1 to 1"
-            )
-    result = []
+        if not abs(quality.get(first, 0.0) - quality.get(second, 0.0)) <= 1:
+            raise BodysenseError(f"quality of {first} and {second}: mean votes, their differences, are from -1 to 1")
     for number in range(1, raters + 1):
-        rater, given = f"simulated-{number:03d}", []
-        for left, right in pairs_for(key, rater):
-            mean = level[key.condition_of(left)] - level[key.condition_of(right)]
-            equal = ties * (1 - abs(mean))
-            odds = [(1 - equal + mean) / 2, (1 - equal - mean) / 2]
-            place = int(np.searchsorted(np.cumsum(odds), generator.random(), side="right"))
-            choices: tuple[Choice, ...] = ("left", "right", "none")
-            given.append((left, right, choices[place]))
-        result.append(Answers(key.study, rater, tuple(given)))
-    return result
+        rows = []
+        for clips in key.scenes.values():
+            clip_of = {condition: clip for clip, condition in clips.items()}
+            for pair in COMPARISONS:
+                left, right = pair if rng.random() < 0.5 else pair[::-1]  # sides
+                mean = quality.get(left, 0.0) - quality.get(right, 0.0)
+                equal = ties * (1 - abs(mean))
+                odds = [(1 - equal + mean) / 2, (1 - equal - mean) / 2, equal]
+                rows.append({"left": clip_of[left], "right": clip_of[right], "choice": rng.choice(list(SIGNS), p=odds)})
+        rater = f"simulated-{number:03d}"
+        answers = {"format": ANSWERS_FORMAT, "study": key.study, "rater": rater, "answers": rows}
+        _write(folder / f"answers-{rater}.json", answers)
 
 
-def _comparison(first: Condition, second: Condition) -> tuple[int, int]:
-    """Return the index in `COMPARISONS` of two conditions, and +1, or −1 if they are in reverse order."""
-    for which, pair in enumerate(COMPARISONS):
-        if pair == (first, second):
-            return which, 1
-        if pair == (second, first):
-            return which, -1
-    raise AssertionError(f"{first} and {second} are not compared")
+def _write(path: Path, content: Mapping[str, Any]) -> None:
+    with written_beside(path) as beside:
+        beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _read(path: Path, form: str, fix: str) -> dict[str, Any]:
+    """Return the object in a JSON file of format `form`."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise BodysenseError(f"{path} cannot be read ({error.strerror}); {fix}") from None
+    except ValueError as error:
+        raise BodysenseError(f"{path}: not complete JSON ({error}); {fix}") from None
+    if not isinstance(content, dict) or content.get("format") != form:
+        raise BodysenseError(f"{path}: its format is not {form!r}; {fix}")
+    return content

@@ -30,11 +30,11 @@ def serve(
     Args:
         access: addresses to listen on, and clients that may connect.
         wearer: the wearer of the server's own inputs.
-        inputs: recordings that the server plays, and signals that it receives by UDP.
+        inputs: recordings that the server plays, signals that it receives by UDP, and servers of markers.
         programs: programs that send trackers, or receive bodies (docs/runtimes.md).
         load: sessions, processes and recordings.
-        reading: properties of a replayed motion; --height is also that of wearers, inferred if omitted, and --floor
-            also that of VMC, SteamVR and VRChat.
+        reading: properties of a replayed motion or of --markers; --height is also that of wearers, inferred if omitted,
+            and --floor also that of VMC, SteamVR and VRChat.
     """
     from rich.console import Console
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -60,7 +60,7 @@ class WearerOptions:
 
 @dataclass(frozen=True)
 class InputOptions:
-    """Inputs of the server itself: recordings that it plays, and signals that it receives by UDP."""
+    """Inputs of the server itself: recordings that it plays, signals by UDP, and servers of markers."""
 
     replay: Path | None = None
     """recording (.npz, .jsonl), or with --device a motion (.bvh, AMASS .npz), played in real time"""
@@ -70,6 +70,14 @@ class InputOptions:
     """UDP port for headset, controllers and trackers by VMC (usually 39539)"""
     markers_in: Port | None = None
     """UDP port for markers of gloves by OSC (usually 9123)"""
+    markers: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """server of markers: natnet://HOST (OptiTrack), qtm://HOST (Qualisys) or vicon://HOST (docs/serve.md)"""
+    names: Path | None = None
+    """table of --markers' names and ours, .json or .csv (docs/markers.md)"""
+    unlabelled: Literal["left", "right", "both"] | None = None
+    """gloves to find among the points of --markers that have no name"""
+    record: Path | None = None
+    """file (.csv) for all frames of --markers, which `bodysense track` reads"""
     marker_set: str | None = None
     """marker set of the gloves, a file or a packaged name (docs/gloves.md); --person has hands calibrated with it"""
     device_names: Path | None = None

@@ -11,12 +11,14 @@ from typing import Literal
 from urllib.parse import quote
 
 from bodysense.body.hands.glove_set import GloveSet, read_set, standard_set
+from bodysense.body.hands.hand import Side
 from bodysense.body.person import Person
 from bodysense.cli.recordings import load_clip, person_of
 from bodysense.devices.simulated.device import DEVICES, simulate
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.formats.recording import is_recording
+from bodysense.io.markers.options import MarkerOptions
 from bodysense.io.reading_options import ReadingOptions, given_options
 from bodysense.sources.open import RecordingSource, open_source
 from bodysense_live.commands.serve_options import (
@@ -27,6 +29,8 @@ from bodysense_live.commands.serve_options import (
     WearerOptions,
 )
 from bodysense_live.protocols.datagrams import Receiver
+from bodysense_live.protocols.markers.marker_link import MarkerServer, parsed_address
+from bodysense_live.protocols.markers.marker_log import check_log
 from bodysense_live.protocols.robots.robot_link import RobotSettings
 from bodysense_live.protocols.slimevr_link import SlimevrSettings, is_serial
 from bodysense_live.protocols.solarxr.solarxr_link import SolarxrSettings, runtime_folder
@@ -63,6 +67,8 @@ def settings_of(
     sends = bool(to.vmc_out or to.vrchat_out or to.vrchat or to.vmt or to.solarxr or to.robot)
     if load.workers > 1 and (receives or sends or to.slimevr):
         raise BodysenseError("--workers: UDP needs a single process; leave --workers out")
+    if load.workers > 1 and inputs.markers is not None:
+        raise BodysenseError("--workers: --markers needs a single process; leave --workers out")
     devices, joints = named_of(inputs.device_names, inputs.vmc_in is not None or to.vmt, to.slimevr)
     if access.bridge and not sends:
         raise BodysenseError(
@@ -78,7 +84,7 @@ def settings_of(
         access=access_of(access, origin),
         limits=Limits(sessions=load.sessions, recording=recording_limits(load)),
         allow_record=None if load.allow_record is None else writable_folder("--allow-record", load.allow_record),
-        playable=playable_of(inputs.replay, inputs.device, reading, person),
+        playable=playable_of(inputs.replay, inputs.device, reading, person, inputs.markers is not None),
         person=person,
         wearer=Settings(floor=reading.floor or 0.0, posture=posture, smoothing=wearer.smoothing),
         recentre=wearer.recentre,
@@ -88,7 +94,8 @@ def settings_of(
         vmc_in=inputs.vmc_in,
         vmc_trackers=VmcTrackers(devices),
         markers_in=inputs.markers_in,
-        glove_set=glove_set_of(inputs.marker_set, inputs.markers_in, person),
+        markers=marker_server_of(inputs, reading),
+        glove_set=glove_set_of(inputs.marker_set, inputs.markers_in is not None or inputs.markers is not None, person),
         receivers=(
             *(receiver_of("vmc", address, parts) for address in to.vmc_out),
             *(receiver_of("vrchat", address, parts) for address in to.vrchat_out),
@@ -199,12 +206,33 @@ def address_of(access: Access, port: int, lan: bool) -> str:
     return f"{scheme}://{bracketed}:{port}/" + (f"?token={access.token}" if access.token is not None else "")
 
 
-def glove_set_of(marker_set: str | None, port: int | None, wearer: Person) -> GloveSet:
+def marker_server_of(inputs: InputOptions, reading: ReadingOptions) -> MarkerServer | None:
+    """Return the server of markers. Raises BodysenseError, naming the options, for a wrong combination."""
+    if inputs.markers is None:
+        for option in ("names", "unlabelled", "record"):
+            if getattr(inputs, option) is not None:
+                raise BodysenseError(f"--{option}: for --markers; give the address of its server, or leave it out")
+        return None
+    if inputs.markers_in is not None:
+        raise BodysenseError("--markers and --markers-in: give one of them, the person has one input of markers")
+    protocol, host, port = parsed_address(inputs.markers)
+    form = MarkerOptions(inputs.marker_set, inputs.names).form(replace(reading, height=None))
+    sides: dict[str | None, tuple[Side, ...]] = {
+        None: (),
+        "both": ("left", "right"),
+        "left": ("left",),
+        "right": ("right",),
+    }
+    record = None if inputs.record is None else check_log(inputs.record)
+    return MarkerServer(protocol, host, port, form, sides[inputs.unlabelled], record)
+
+
+def glove_set_of(marker_set: str | None, has_gloves: bool, wearer: Person) -> GloveSet:
     """Return the marker set of the gloves. Raises BodysenseError if it needs calibrated hands that are missing."""
     if marker_set is None:
         return standard_set()
-    if port is None:
-        raise BodysenseError(f"--marker-set {marker_set}: for gloves; give the port of their markers with --markers-in")
+    if not has_gloves:
+        raise BodysenseError(f"--marker-set {marker_set}: for gloves; give their input, --markers or --markers-in")
     glove_set = read_set(marker_set)
     known = [side for side, hand in wearer.hands.items() if hand.glove.markers == glove_set.names]
     if glove_set.names != standard_set().names and not known:
@@ -234,11 +262,18 @@ def receiver_of(protocol: Literal["vmc", "vrchat"], address: str, parts: tuple[s
     return Receiver(protocol, host.strip("[]"), int(port), parts)
 
 
-def playable_of(file: Path | None, device: str | None, reading: ReadingOptions, wearer: Person) -> Playable | None:
-    """Return a recording to replay, or a motion with the signal of a simulated device that tracks it."""
+def playable_of(
+    file: Path | None, device: str | None, reading: ReadingOptions, wearer: Person, has_markers: bool = False
+) -> Playable | None:
+    """Return a recording to replay, or a motion with the signal of a simulated device that tracks it.
+
+    `has_markers`: the options of reading are those of a server of markers if there is no file.
+    """
     if file is None:
         if device is not None:
             raise BodysenseError("--device is for a replayed motion; give it with --replay")
+        if has_markers:
+            return None
         if options := given_options(replace(reading, height=None, floor=None)):
             raise BodysenseError(f"{options} is for a replayed motion; give it with --replay")
         return None

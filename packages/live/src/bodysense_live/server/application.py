@@ -18,6 +18,7 @@ from bodysense.errors import missing_package
 from bodysense.io.formats.protocol import SUBPROTOCOL
 from bodysense_live.protocols.datagrams import InputLink, MarkerInput, PoseSender, marker_points
 from bodysense_live.protocols.links import DeviceInput, Link, UdpPort
+from bodysense_live.protocols.markers.marker_link import MarkerLink
 from bodysense_live.protocols.robots.robot_link import RobotLink
 from bodysense_live.protocols.slimevr_link import SENSORS, SlimevrLink
 from bodysense_live.protocols.solarxr.solarxr_input import InputReader
@@ -121,6 +122,8 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
             port = UdpPort("--markers-in", host, settings.markers_in)
             protocol = partial(MarkerInput, metrics=metrics, glove_set=settings.glove_set)
             links.append(InputLink("markers", port, marker_points(settings.glove_set), protocol))
+        if settings.markers is not None:
+            links.append(MarkerLink(settings.markers, metrics))
         if settings.receivers:
             links.append(PoseSender(settings.receivers, metrics))
         if settings.robot is not None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from bodysense.body.hands.glove_set import GloveSet, standard_set
 from bodysense.body.person import Person
 from bodysense_live.protocols.datagrams import Receiver
+from bodysense_live.protocols.markers.marker_link import MarkerServer
 from bodysense_live.protocols.robots.robot_link import RobotSettings
 from bodysense_live.protocols.slimevr_link import SlimevrSettings
 from bodysense_live.protocols.solarxr.solarxr_link import SolarxrSettings
@@ -37,6 +38,7 @@ class ServerSettings:
     vmc_in: int | None = None  # UDP port on the server's host
     vmc_trackers: VmcTrackers = VmcTrackers()
     markers_in: int | None = None  # UDP port on the server's host
+    markers: MarkerServer | None = None  # a server of markers to connect to
     glove_set: GloveSet = field(default_factory=standard_set)  # marker set of the gloves at `markers_in`
     receivers: tuple[Receiver, ...] = ()
     vmt: VmtSettings | None = None

@@ -29,6 +29,7 @@ from bodysense.observing.observation import Observation
 
 _KEY = 0x50  # second byte of every C3D file
 _LARGEST = 4 << 30  # bytes
+_SPARE = 2 * BLOCK  # bytes after the frames; fewer may be padding
 _Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 _OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")  # points that are not positions
 
@@ -47,8 +48,11 @@ def read_c3d(path: Path, unit: Unit | None = None) -> RawMarkers:
     position[missing] = np.nan
     names, kept = _places(parameters, block.count)
     time = np.arange(len(position)) / block.rate
+    more = (block.there - block.frames) * block.row
+    unread = () if more < _SPARE else (_unread(block),)
     chosen = tuple(names[k] for k in kept)
-    return RawMarkers(chosen, position[:, kept], time, block.rate, unit, _axes(path, parameters))
+    axes = _axes(path, parameters)
+    return RawMarkers(chosen, position[:, kept], time, block.rate, unit, axes, warnings=unread)
 
 
 def filled_c3d(path: Path, position: np.ndarray, filled: np.ndarray) -> bytes:
@@ -83,6 +87,7 @@ class PointBlock:
     scale: float  # of whole numbers
     rate: float  # Hz
     order: int  # the processor
+    there: int  # frames that the file has room for
 
     def read(self, data: bytes) -> tuple[np.ndarray, np.ndarray]:
         """Return positions (T, M, 3) in the file's unit, and residuals (T, M)."""
@@ -108,6 +113,14 @@ class PointBlock:
         if np.abs(steps).max() > 32767:
             raise BodysenseError(f"{path}: a filled marker is beyond its whole numbers; export it with reals")
         return steps.astype(f"{mark}i2").tobytes()
+
+
+def _unread(block: PointBlock) -> str:
+    """Return a warning about frames that a file has and does not announce."""
+    return (
+        f"{block.frames} frames are announced and read, but the file has data of {block.there}; to read all, export it "
+        "with POINT:LONG_FRAMES, or as .trc"
+    )
 
 
 def _opened(path: Path) -> tuple[bytes, Parameters, int]:
@@ -181,7 +194,7 @@ def _point_block(path: Path, data: bytes, order: int, parameters: Parameters) ->
     there = max(len(data) - start, 0) // row
     if there < frames:
         raise BodysenseError(f"{path}: {frames} frames are announced, but there are {there}; was the file cut short?")
-    return PointBlock(start, row, width, frames, count, scale, rate, order)
+    return PointBlock(start, row, width, frames, count, scale, rate, order, there)
 
 
 def _to_dec(values: np.ndarray) -> bytes:

@@ -16,6 +16,7 @@ INTEL, DEC, MIPS = 84, 85, 86  # the processors that wrote files
 BYTE_ORDERS = {INTEL: "<", DEC: "<", MIPS: ">"}
 _SIZES = {-1: 1, 1: 1, 2: 2, 4: 4}  # bytes of a character, a byte, an integer, a real
 _MOST = 20_000  # parameters of a file
+_WORD = 1 << 16  # values of an integer, which some programs write with a sign
 Value = list[str] | np.ndarray
 
 
@@ -40,12 +41,24 @@ class Parameters:
         return float(value.flat[0]) if isinstance(value, np.ndarray) and value.size else 0.0
 
     def frames(self) -> int:
-        """Return the number of frames if the header's 16 bits cannot hold it; 0 if unknown."""
-        ends = [self.values.get(("TRIAL", f"ACTUAL_{end}_FIELD")) for end in ("START", "END")]
-        if all(isinstance(value, np.ndarray) and value.size == 2 and value.dtype.kind == "i" for value in ends):
-            first, last = (int(value[0]) % 65536 + 65536 * (int(value[1]) % 65536) for value in ends)  # type: ignore[index]
-            return last - first + 1
-        return 0
+        """Return the number of frames if the header's 16 bits cannot hold it; 0 if unknown.
+
+        It is POINT:LONG_FRAMES, a POINT:FRAMES beyond 16 bits, or the distance of TRIAL's fields; the largest counts.
+        """
+        ends = [self._long(("TRIAL", f"ACTUAL_{end}_FIELD")) for end in ("START", "END")]
+        of_trial = ends[1] - ends[0] + 1 if all(ends) else 0
+        whole = int(self.number("POINT", "FRAMES")) if self.number("POINT", "FRAMES") >= _WORD else 0
+        return max(0, of_trial, whole, self._long(("POINT", "LONG_FRAMES")))
+
+    def _long(self, name: tuple[str, str]) -> int:
+        """Return a whole number of up to 32 bits: one number, or its low and its high 16 bits; 0 if missing."""
+        value = self.values.get(name)
+        if not isinstance(value, np.ndarray) or value.size not in (1, 2) or not np.isfinite(value).all():
+            return 0
+        low, *high = (int(part) for part in value.flat)
+        if value.size == 1:
+            return low % _WORD if value.dtype.kind == "i" else max(low, 0)
+        return low % _WORD + _WORD * (high[0] % _WORD)
 
 
 def read_parameters(path: Path, data: bytes) -> tuple[Parameters, int]:

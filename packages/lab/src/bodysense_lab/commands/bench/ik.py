@@ -16,9 +16,9 @@ def ik(frames: Count = 3000, noise: float = 0.0, json: Json = None) -> None:
         frames: number of frames, after 100 to warm up.
         noise: standard deviation in metres of noise on every target.
     """
-    from bodysense.body.ik import InverseKinematics
     from bodysense.body.pose import forward_kinematics
     from bodysense.demo import packaged_performance
+    from bodysense_lab.papers.ik.ik import InverseKinematics
 
     clip = packaged_performance()
     target = np.asarray(forward_kinematics(clip.pose)[0])

@@ -52,6 +52,14 @@ def generate_fingers(hours: float, seed: int = 1) -> np.ndarray:
     return np.concatenate(pieces)[: round(hours * 3600 * RATE)]
 
 
+def kept_fingers(hours: float, seed: int, folder: Path) -> np.ndarray:
+    """Return generated fingers, which are stored in a folder. Errors: see `generate_fingers` and `read_fingers`."""
+    kept = folder / f"fingers-{hours:g}h-{seed}.npz"
+    if not kept.is_file():
+        write_fingers(kept, generate_fingers(hours, seed))
+    return read_fingers(kept)
+
+
 def write_fingers(path: Path, fingers: np.ndarray) -> None:
     """Write generated fingers as .npz; the file appears whole or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)

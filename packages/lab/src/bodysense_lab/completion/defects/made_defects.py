@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bodysense.body.gaps import runs
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reach
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import (
     geodesic_angle,
     quaternion_canonical,

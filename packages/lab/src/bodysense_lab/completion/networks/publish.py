@@ -19,7 +19,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split
 from bodysense.tracking.model import CompletionModel, load_completion
 from bodysense.tracking.tracker import Tracker
-from bodysense_lab.completion.data.corpus import read_corpus
+from bodysense_lab.completion.data.corpus_cache import read_corpus
 from bodysense_lab.completion.data.points import body_indices
 from bodysense_lab.completion.data.postures.posture_clips import posture_clips
 from bodysense_lab.completion.data.signal_kinds import observed_set

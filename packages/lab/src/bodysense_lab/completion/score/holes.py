@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from bodysense.body.gaps import runs
 from bodysense.body.hands.hand import FINGERS
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import (
     quaternion_conjugate,
     quaternion_exp,

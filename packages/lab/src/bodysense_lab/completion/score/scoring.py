@@ -13,6 +13,7 @@ from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.clip import Clip
 from bodysense.observing.observation import Observation
+from bodysense.parallel import parallel_map
 from bodysense.takes.last_known import last_known
 from bodysense_lab.completion.data.blinks import BLINKING, FINGER, clip_rng, lose_hands, with_finger
 from bodysense_lab.completion.kinds.lattice import random_edges
@@ -47,7 +48,6 @@ from bodysense_lab.completion.score.tracking import (
     track_people,
 )
 from bodysense_lab.completion.training.options import BODY_TITLES, Body, Fault
-from bodysense_lab.core.parallel import parallel_map
 from bodysense_lab.core.scoring import RATE
 
 TIMED_FRAMES = 330  # frames of one wearer whose steps are timed

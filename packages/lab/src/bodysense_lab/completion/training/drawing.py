@@ -20,8 +20,8 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder, written_beside
+from bodysense.parallel import end_with_parent
 from bodysense_lab.completion.data.sequences import Sequence
-from bodysense_lab.core.parallel import end_with_parent
 
 BLOCK, PLACES = 16, 48  # sequences of a file, and files of the ring; together about 350 MB
 _POLL = 0.01  # s between two looks for a free place or a new file

@@ -36,8 +36,9 @@ from bodysense_lab.completion.training.losses import SLACK, length
 from bodysense_lab.completion.training.options import JoiningTraining
 from bodysense_lab.core.fit import Task, cut_frames, fit, set_seed_and_threads
 from bodysense_lab.core.options import Schedule
-from bodysense_lab.core.progress import log_progress, read_clips
+from bodysense_lab.core.progress import log_progress
 from bodysense_lab.core.scoring import RATE
+from bodysense_lab.data.clips import read_clips
 
 _PARENTS, _HEAD = default_skeleton().parents[:JOINTS], BODY.index("head")
 _ARRAYS = (

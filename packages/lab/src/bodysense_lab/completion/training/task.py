@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,8 +17,9 @@ from torch.optim import Optimizer
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
+from bodysense.parallel import prefetched
 from bodysense_lab.completion.data.batches import RawBatch, SequenceBatch, assembled, cut_batch, whole_clips
-from bodysense_lab.completion.data.corpus import Corpus, read_corpus
+from bodysense_lab.completion.data.corpus import Corpus, CorpusReader
 from bodysense_lab.completion.data.points import JOINTS
 from bodysense_lab.completion.data.postures.postures import low_share, standing_share
 from bodysense_lab.completion.data.postures.upright import stance_shifts
@@ -40,7 +40,6 @@ from bodysense_lab.completion.training.losses import (
 )
 from bodysense_lab.core.fit import Task, stream_sequences
 from bodysense_lab.core.options import Schedule
-from bodysense_lab.core.parallel import prefetched
 from bodysense_lab.core.precision import layer_autocast
 
 HEADSET_CATEGORIES = ("sit", "talk_gesture", "everyday", "locomotion", "")  # motions of headset wearers; "" is unknown
@@ -185,16 +184,15 @@ def sequence_sampler(
 
 @dataclass(frozen=True)
 class CorpusSampler:
-    """`sequence_sampler` on the cached corpus of a folder or store; it can be pickled."""
+    """`sequence_sampler` of a corpus that each process reads itself; it can be pickled."""
 
-    data: Path
-    limit: int | None = None
+    corpora: CorpusReader
     backward: bool = False
     sensors: DrawSensors = draw_sensors
 
     def __call__(self, rng: np.random.Generator) -> Callable[[], Sequence]:
         """Return a function that draws a sequence of the train split."""
-        return sequence_sampler(read_corpus(self.data, "train", self.limit), self.backward, rng, self.sensors)
+        return sequence_sampler(self.corpora("train"), self.backward, rng, self.sensors)
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,8 @@ from torch import Tensor, nn
 
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_canonical
-from bodysense.papers.hmd_vae import FORMAT
 from bodysense_lab.core.export import export, store_as_int8
+from bodysense_lab.papers.hmd_vae.body_vae import FORMAT
 from bodysense_lab.papers.hmd_vae.body_windows import Joints, frame_of, seen_from
 from bodysense_lab.papers.hmd_vae.frames import RATE
 from bodysense_lab.papers.hmd_vae.network import BodyVae

@@ -7,10 +7,8 @@ to 33.3 Hz and still count 1/30 s between frames, and ours is at 24 and 12 Hz, w
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -19,14 +17,11 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.data.clips import spread_evenly, training_clips
-from bodysense_lab.data.store import is_store, read_store
 from bodysense_lab.data.windows import Windows, find_windows
 
 RATE = 30.0
 TRAIN_LENGTH, TEST_LENGTH, STRIDE = 16, 64, 4  # frames
 HELD_OUT = 0.05  # share of the sequences of each data set
-Listed = Literal["train", "test"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,55 +90,3 @@ def held_out(person: Iterable[str], rng: np.random.Generator) -> np.ndarray:
         if len(rows) > 1:
             chosen[rng.choice(rows, max(1, round(HELD_OUT * len(rows))), replace=False)] = True
     return chosen
-
-
-def split_clips(
-    directory: Path, split: Literal["train", "test"], split_file: Path | None, limit: int | None = None
-) -> Iterator[Clip]:
-    """The clips of a folder or store that belong to a split: by person, or as a list says (`read_split_file`).
-
-    `limit` is the number of clips for a trial.
-    """
-    if split_file is None:
-        yield from training_clips(directory, split, limit)
-        return
-    listed = read_split_file(split_file)
-    if is_store(directory):
-        store = read_store(directory)
-        known = {row.source: index for index, row in enumerate(store.table.clips)}
-        clip_at = {key: (lambda index=index: store.clip(index)) for key, index in known.items()}
-    else:
-        from bodysense.io.datasets.sources import list_sources, read_source
-
-        sources = {source.key(Path(directory)): source for source in list_sources(directory)}
-        clip_at = {key: (lambda source=source: read_source(source)) for key, source in sources.items()}
-    unknown = [key for key in listed if key not in clip_at]
-    if unknown:
-        raise BodysenseError(
-            f"{split_file}: {len(unknown)} of {len(listed)} motions are not in {directory}, {unknown[0]!r} for one; "
-            "give the folder to which the paths in the list are relative"
-        )
-    chosen = [key for key, which in listed.items() if which == split]
-    if not chosen:
-        raise BodysenseError(f"{split_file}: no line of it ends in {split!r}; each is 'PATH train' or 'PATH test'")
-    yield from (clip_at[key]() for key in spread_evenly(chosen, limit))
-
-
-def read_split_file(path: Path) -> dict[str, Listed]:
-    """A split list: a line a motion, 'PATH train' or 'PATH test', the path relative to the data's folder."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise BodysenseError(f"{path}: cannot be read ({error.strerror}); give a list of lines 'PATH train'") from None
-    listed: dict[str, Listed] = {}
-    for number, line in enumerate(lines, start=1):
-        text = line.strip()
-        if not text or text.startswith("#"):
-            continue
-        name, _, which = text.rpartition(" ")
-        key = name.strip().replace("\\", "/").removeprefix("./")
-        if which not in ("train", "test") or not key:
-            raise BodysenseError(f"{path}, line {number}: {text!r} is not 'PATH train' or 'PATH test'")
-        if listed.setdefault(key, which) != which:
-            raise BodysenseError(f"{path}, line {number}: {key} is in train and in test; keep one")
-    return listed

@@ -20,12 +20,12 @@ from bodysense.body.pose import local_rotation
 from bodysense.body.skeleton import BODY, LOWER_BODY, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle, quaternion_log
-from bodysense.papers.hmd_vae import BodyVaeModel, load_body_vae
 from bodysense.quality.metrics import on_floor
 from bodysense_lab.core.scoring import group_named
 from bodysense_lab.core.tallies import Tallies
 from bodysense_lab.data.datasets import Census, DataSet, census_of
 from bodysense_lab.data.windows import Windows
+from bodysense_lab.papers.hmd_vae.body_vae import BodyVaeModel, load_body_vae
 from bodysense_lab.papers.hmd_vae.body_windows import make_batch
 from bodysense_lab.papers.hmd_vae.frames import (
     RATE,
@@ -34,8 +34,8 @@ from bodysense_lab.papers.hmd_vae.frames import (
     TRAIN_LENGTH,
     BodyFrames,
     read_body_frames,
-    split_clips,
 )
+from bodysense_lab.papers.hmd_vae.listed_clips import listed_clips
 from bodysense_lab.papers.hmd_vae.network import BodyVae, read_vae
 from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig
 
@@ -87,7 +87,7 @@ def read_test(
 
     With a split list, the test motions of that list instead of the people of `data.split`.
     """
-    clips = data.clips() if split_file is None else split_clips(data.path, "test", split_file)
+    clips = data.clips() if split_file is None else listed_clips(data.path, "test", split_file)
     census = Census()
 
     def counted() -> Any:

@@ -12,10 +12,10 @@ from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.observing.observation import Observation
-from bodysense.papers.hmd_vae import BodyVaeEstimator, BodyVaeModel, BodyVaeState, load_body_vae
 from bodysense.sources.open import MotionSource, Opened
 from bodysense.sources.signals import signal_from
 from bodysense_lab.data.tracked_clip import tracked_clip
+from bodysense_lab.papers.hmd_vae.body_vae import BodyVaeEstimator, BodyVaeModel, BodyVaeState, load_body_vae
 from bodysense_lab.papers.paper_options import PaperOptions, Variant, missing_weights_error
 
 MODELS: tuple[Variant, ...] = ("0", "1", "2", "3", "4")

@@ -18,21 +18,19 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_folder, check_place, make_folder
 from bodysense_lab.core.checkpoint import identity, write_weights_file
 from bodysense_lab.core.fit import Report, announce_run, fit, set_seed_and_threads
-from bodysense_lab.core.progress import read_clips, with_progress_log
+from bodysense_lab.core.options import SplitReader
 from bodysense_lab.core.sweep import is_trained_as_configured, sweep
 from bodysense_lab.core.table import write_rows
-from bodysense_lab.data.clips import count_training_clips
 from bodysense_lab.data.windows import Windows
 from bodysense_lab.papers.hmd_vae.frames import (
     TRAIN_LENGTH,
     BodyFrames,
     held_out,
     read_body_frames,
-    read_split_file,
-    split_clips,
 )
 from bodysense_lab.papers.hmd_vae.network import BodyVae, pretrained, read_vae
 from bodysense_lab.papers.hmd_vae.options import MODELS, BodyVaeConfig, Grid, VaeRun
+from bodysense_lab.papers.hmd_vae.split_list import read_split_file
 from bodysense_lab.papers.hmd_vae.task import VaeTask, joint_errors
 
 BETAS, LATENTS, BLOCKS = (0.0001, 0.01, 0.1, 1.0, 5.0), (15, 30, 60), (3, 6)  # the paper's 30 settings
@@ -55,14 +53,9 @@ class VaeData:
         return f"{len(self.frames)} sequences of {people} people, {self.frames.minutes:.0f} minutes at 30 Hz"
 
 
-def read_data(run: VaeRun) -> VaeData:
+def read_data(run: VaeRun, clips: SplitReader) -> VaeData:
     """The training split, 5 % of its sequences held out, and the validation people."""
-    if run.split_file is None:
-        total = count_training_clips(run.data, "train", run.limit)
-    else:
-        total = list(read_split_file(run.split_file).values()).count("train")
-    clips = split_clips(run.data, "train", run.split_file, run.limit)
-    frames = read_body_frames(with_progress_log(clips, "reading the train split", min(total, run.limit or total)))
+    frames = read_body_frames(clips("train"))
     kept_out = held_out(frames.person, np.random.default_rng(run.schedule.seed))
     within = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(kept_out))
     learned = frames.windows(TRAIN_LENGTH, clips=np.flatnonzero(~kept_out))
@@ -70,17 +63,17 @@ def read_data(run: VaeRun) -> VaeData:
         if not len(within):
             raise BodysenseError(f"{run.split_file}: one training sequence cannot also be held out; list more")
         return VaeData(frames, learned, within, (frames, within))
-    others = read_body_frames(read_clips(run.data, "val", run.limit))
+    others = read_body_frames(clips("val"))
     return VaeData(frames, learned, within, (others, others.windows(TRAIN_LENGTH)))
 
 
-def run_vae(run: VaeRun) -> None:
+def run_vae(run: VaeRun, clips: SplitReader) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) are written next to `run.out`."""
     check_place(run.out)
     weights, whole = run.out.with_suffix(".pt"), whole_body(run)
     fabric = announce_run(run, VaeTask)
     if not is_trained(run, weights, whole):
-        data = read_data(run)
+        data = read_data(run, clips)
         fabric.print(f"{data.note}; {len(data.train)} windows")
         train_network(run, weights, whole, data, fabric)
     if not fabric.is_global_zero:
@@ -196,14 +189,14 @@ def sweep_configs(config: BodyVaeConfig, grid: Grid) -> list[BodyVaeConfig]:
     ]
 
 
-def run_sweep(run: VaeRun, configs: Sequence[BodyVaeConfig]) -> None:
+def run_sweep(run: VaeRun, configs: Sequence[BodyVaeConfig], clips: SplitReader) -> None:
     """Train what is not trained yet into the folder `run.out`; the results of all in its results.csv."""
     runs = {sweep_name(config): swept(run, config) for config in configs}
     paths = [one.out for one in runs.values()]
     check_folder(run.out)
     fabric = announce_run(run, VaeTask)
     if not all(is_swept(one) for one in runs.values()):
-        data = read_data(run)
+        data = read_data(run, clips)
         make_folder(run.out)
 
         def train(name: str, report: Report) -> str:

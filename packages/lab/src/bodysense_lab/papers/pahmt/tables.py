@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from bodysense.body.ik import IkSettings, InverseKinematics, solve_sequence
 from bodysense.body.keypoints import arms_from_torso
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
@@ -25,6 +24,7 @@ from bodysense_lab.core.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.core.table import Cell, Report, bound_cells, cell, finite, ordering
 from bodysense_lab.core.tallies import Tallies
 from bodysense_lab.data.datasets import Census, DataSet, census_of, describe_data
+from bodysense_lab.papers.ik.ik import IkSettings, InverseKinematics, solve_sequence
 from bodysense_lab.papers.pahmt.errors import EVERY, table_errors
 from bodysense_lab.papers.pahmt.features import window_of
 from bodysense_lab.papers.pahmt.network import ArmNetwork, read_arms
@@ -132,7 +132,7 @@ def score_arms(
 def solved_from_positions(truth: Pose) -> np.ndarray:
     """Return rotations (T, 38, 4), in the form of `arms_from_torso`, by inverse kinematics on the true positions.
 
-    No video gives as much. Twists that positions leave open are those of the body's relaxed posture (`body/ik.py`).
+    No video gives as much. Twists that positions leave open are those of the body's relaxed posture (`papers/ik/ik.py`).
     """
     position = np.asarray(forward_kinematics(truth)[0])
     ik = InverseKinematics(truth.skeleton, IkSettings(max_iterations=50))

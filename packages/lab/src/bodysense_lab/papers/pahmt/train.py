@@ -14,7 +14,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import check_place, make_folder
 from bodysense_lab.core.checkpoint import identity, write_weights_file
 from bodysense_lab.core.fit import Report, announce_run, fit, set_seed_and_threads
-from bodysense_lab.core.progress import read_clips
+from bodysense_lab.core.options import SplitReader
 from bodysense_lab.core.sweep import is_trained_as_configured, sweep
 from bodysense_lab.papers.pahmt.network import ArmNetwork, read_arms
 from bodysense_lab.papers.pahmt.options import TABLE_1, ArmRun, ArmTableTraining, ArmTraining
@@ -35,24 +35,23 @@ class ArmData:
         return f"{len(self.train)} clips, {self.train.minutes:.0f} minutes at 30 Hz, as cameras would see them"
 
 
-def read_data(run: ArmRun) -> ArmData:
+def read_data(run: ArmRun, clips: SplitReader) -> ArmData:
     """The training split and the clips with hands of the validation split."""
-    train, val = (read_clips(run.data, split, run.limit) for split in ("train", "val"))
     stiff = run.schedule.without_hands > 0
     learned = read_arm_recordings(
-        (clip for clip in train if clip.has_fingers or stiff), run.bodies, default_rng(run.schedule.seed)
+        (clip for clip in clips("train") if clip.has_fingers or stiff), run.bodies, default_rng(run.schedule.seed)
     )
-    watched = read_arm_recordings(clip for clip in val if clip.has_fingers)
+    watched = read_arm_recordings(clip for clip in clips("val") if clip.has_fingers)
     return ArmData(learned, watched)
 
 
-def run_arms(run: ArmTraining) -> None:
+def run_arms(run: ArmTraining, clips: SplitReader) -> None:
     """Train one network; the weights (.pt), log (.jsonl) and checkpoint (.ckpt) are written next to `run.out`."""
     check_place(run.out)
     weights = run.out.with_suffix(".pt")
     fabric = announce_run(run, ArmTask)
     if not is_trained(run, weights):
-        data = read_data(run)
+        data = read_data(run, clips)
         fabric.print(f"{data.note}; {epoch_steps(data.train, run.schedule)} steps an epoch")
         train_network(run, weights, data, fabric)
     if not fabric.is_global_zero:
@@ -65,7 +64,7 @@ def run_arms(run: ArmTraining) -> None:
     print(f"wrote {run.out} ({run.out.stat().st_size / 1e6:.1f} MB)")
 
 
-def run_table(run: ArmTableTraining) -> None:
+def run_table(run: ArmTableTraining, clips: SplitReader) -> None:
     """Train what is not trained yet of the table's networks into the folder `run.out`."""
     names = run.networks or tuple(TABLE_1)
     unknown = [name for name in names if name not in TABLE_1]
@@ -75,7 +74,7 @@ def run_table(run: ArmTableTraining) -> None:
     fabric = announce_run(run, ArmTask)
     runs = {name: row_run(run, name) for name in names}
     if not all(is_trained(one, one.out) for one in runs.values()):
-        data = read_data(run)
+        data = read_data(run, clips)
 
         def train(name: str, report: Report) -> str:
             train_network(runs[name], runs[name].out, data, fabric, report)

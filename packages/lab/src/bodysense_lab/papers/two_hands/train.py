@@ -22,8 +22,8 @@ from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
 from bodysense_lab.core.export import export
 from bodysense_lab.core.fit import announce_run, fit, progress_printer, set_seed_and_threads
-from bodysense_lab.core.progress import read_clips, with_progress_log
-from bodysense_lab.data.clips import open_clips
+from bodysense_lab.core.progress import with_progress_log
+from bodysense_lab.data.clips import open_clips, read_clips
 from bodysense_lab.papers.two_hands.drawing import JointTask, MarkerTask
 from bodysense_lab.papers.two_hands.frames import RATE, GloveFrames, frames_of, join
 from bodysense_lab.papers.two_hands.network import (

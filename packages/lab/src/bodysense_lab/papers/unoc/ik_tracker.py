@@ -13,7 +13,6 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bodysense.body.ik import IkSettings, IkState
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
@@ -21,7 +20,8 @@ from bodysense.errors import BodysenseError
 from bodysense.geometry.products import CONJUGATE, exp, log, multiply
 from bodysense.geometry.spring import spring_step
 from bodysense.observing.observation import Observation, check_order, observed_points
-from bodysense.papers.target_ik import COARSE, HEAD_WEIGHT, TargetIk
+from bodysense_lab.papers.ik.ik import IkSettings, IkState
+from bodysense_lab.papers.ik.target_ik import COARSE, HEAD_WEIGHT, TargetIk
 
 _GUESSED_ARM_FACTOR = 5.0  # factor on the half-life of arm and hand joints without tracked points below them
 _LONGEST_GAP = 1.0  # s without frames after which motion is reset

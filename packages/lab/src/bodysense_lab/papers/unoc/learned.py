@@ -16,10 +16,10 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observing.observation import Observation, observed_points
-from bodysense.papers.target_ik import MEASURED_ERROR
 from bodysense.takes.last_known import last_known
 from bodysense.weights.network import Network, NetworkFormat
 from bodysense_lab.core.scoring import RATE, TrackedClip
+from bodysense_lab.papers.ik.target_ik import MEASURED_ERROR
 from bodysense_lab.papers.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense_lab.weights import packaged
 

@@ -15,9 +15,10 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.clip import Clip
+from bodysense.parallel import worker_pool
 from bodysense_lab.core.fit import announce_run, fit, set_seed_and_threads
-from bodysense_lab.core.parallel import worker_pool
-from bodysense_lab.core.progress import read_clips, with_progress_log
+from bodysense_lab.core.options import SplitReader
+from bodysense_lab.core.progress import with_progress_log
 from bodysense_lab.papers.unoc.network.losses import LossWeights
 from bodysense_lab.papers.unoc.network.network import PAPER, BodyNetwork, BodyNetworkConfig
 from bodysense_lab.papers.unoc.network.point_network import (
@@ -35,7 +36,7 @@ from bodysense_lab.papers.unoc.sequences.point_sequences import PointSequence, m
 from bodysense_lab.papers.unoc.task import BodySchedule, BodyTask
 
 if TYPE_CHECKING:
-    from bodysense.papers.point_model import Task
+    from bodysense_lab.papers.unoc.point_model import Task
 
 E = TypeVar("E")  # a training sequence
 N = TypeVar("N")  # a network that reads it
@@ -77,7 +78,7 @@ SCHEDULES: dict[tuple[Task, Form], PointSchedule] = {
 }
 
 
-def train_body(run: BodyTraining) -> None:
+def train_body(run: BodyTraining, clips: SplitReader) -> None:
     """Train the body network and export it."""
     from bodysense_lab.papers.unoc.network.export import write_onnx
 
@@ -100,11 +101,10 @@ def train_body(run: BodyTraining) -> None:
         )
     )
     augmentations = tuple(augmentation_of(number, shipped) for number in range(run.passes + run.finger_passes))
-    learned, watched = (read_clips(run.data, split, run.limit) for split in ("train", "val"))
     config = replace(network.config, hidden=1, branch=(1,), judge_branch=(1,))
     read = make_body_sequence, partial(BodyNetwork, config, default_skeleton())
-    sequences = _prepared(learned, *read, augmentations, run.passes, run.seed)
-    validation = _prepared(watched, *read, (Augmentation(),), 1, run.seed)
+    sequences = _prepared(clips("train"), *read, augmentations, run.passes, run.seed)
+    validation = _prepared(clips("val"), *read, (Augmentation(),), 1, run.seed)
     task = BodyTask(network, schedule, sequences, validation, run.trial_settings or None)
     _finish(
         *(run, task, fabric, "clips"),
@@ -114,7 +114,7 @@ def train_body(run: BodyTraining) -> None:
     )
 
 
-def train_points(run: PointTraining) -> None:
+def train_points(run: PointTraining, clips: SplitReader) -> None:
     """Train a network that places points and export it."""
     from bodysense_lab.papers.unoc.network.export import write_point_network
 
@@ -126,8 +126,8 @@ def train_points(run: PointTraining) -> None:
     network = PointNetwork(config, default_skeleton())
     augmentations = AUGMENTATIONS[run.task] if run.form == "shipped" else PAPER_AUGMENTATIONS
     reader = partial(PointNetwork, replace(config, hidden=1, branch=(1,)), default_skeleton())
-    sequences = _points(run, reader, "train", augmentations)
-    validation = _points(run, reader, "val", (Augmentation(),))
+    sequences = _points(run, clips, reader, "train", augmentations)
+    validation = _points(run, clips, reader, "val", (Augmentation(),))
     task = PointTask(network, schedule, sequences, validation, run.trial_settings or None)
     _finish(
         *(run, task, fabric, "sequences"),
@@ -208,13 +208,14 @@ def _augmented(
 
 def _points(
     run: PointTraining,
+    clips: SplitReader,
     reader: Callable[[], PointNetwork],
     split: Literal["train", "val"],
     augmentations: tuple[Augmentation, ...],
 ) -> list[PointSequence]:
     """The clips of a split as sequences; for fingers, clips that have them."""
-    clips = (clip for clip in read_clips(run.data, split, run.limit) if run.task != "fingers" or clip.has_fingers)
-    sequences = _prepared(clips, make_point_sequence, reader, augmentations, PASSES[run.task], run.seed, run.threads)
+    chosen = (clip for clip in clips(split) if run.task != "fingers" or clip.has_fingers)
+    sequences = _prepared(chosen, make_point_sequence, reader, augmentations, PASSES[run.task], run.seed, run.threads)
     if not sequences:
         raise BodysenseError(f"{run.data}: no clip of its {split} split has fingers; give motion with recorded fingers")
     return sequences

@@ -20,11 +20,12 @@ from lightning_fabric import Fabric
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder, written_beside
+from bodysense.parallel import worker_pool
 from bodysense_lab.core.checkpoint import identity, write_weights_file
 from bodysense_lab.core.fit import Report, announce_run, figures_line, fit, launch_fabric, set_seed_and_threads
-from bodysense_lab.core.parallel import worker_pool
-from bodysense_lab.core.progress import read_clips, with_progress_log
+from bodysense_lab.core.progress import with_progress_log
 from bodysense_lab.core.sweep import is_trained_as_configured, sweep
+from bodysense_lab.data.clips import read_clips
 from bodysense_lab.papers.unoc.network.losses import LossWeights
 from bodysense_lab.papers.unoc.network.network import BodyNetwork, BodyNetworkConfig
 from bodysense_lab.papers.unoc.network.variants import TABLES, VARIANTS

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.gaps import runs
+from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.quality.metrics import vector_length
 

@@ -14,7 +14,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.core.parallel import parallel_map
+from bodysense.parallel import parallel_map
 from bodysense_lab.core.scoring import group_of
 from bodysense_lab.data.datasets import Census, gather_results
 from bodysense_lab.synthesis.hands import varied_hand

@@ -12,10 +12,10 @@ from typing import Literal
 
 import numpy as np
 
-from bodysense.body.gaps import runs
 from bodysense.body.hands.glove import MARKERS
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import visible
+from bodysense.geometry.gaps import runs
 from bodysense_lab.core.chart import BarPanel, plain_bars
 from bodysense_lab.core.scoring import GROUPS, suffix_of
 from bodysense_lab.core.table import Cell, Report, cell, finite

@@ -15,8 +15,8 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.devices.gloves.gap_fillers import NetworkGapFiller, RigidGapFiller
 from bodysense.devices.gloves.hands import HandsSettings, load_glove_models
 from bodysense.devices.gloves.networks import load_marker_network
+from bodysense.parallel import parallel_map
 from bodysense.quality.metrics import joint_error
-from bodysense_lab.core.parallel import parallel_map
 from bodysense_lab.core.scoring import GROUPS, Tally, group_of
 from bodysense_lab.data.datasets import Census, DataSet, census_of
 from bodysense_lab.papers.two_hands.score.baselines import (

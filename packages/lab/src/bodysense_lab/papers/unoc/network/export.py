@@ -11,12 +11,12 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.devices.simulated.sensors import THREE_POINTS
-from bodysense.papers.point_model import FORMAT as POINT_FORMAT
-from bodysense.papers.point_model import Task
 from bodysense_lab.core.export import export
 from bodysense_lab.papers.unoc.learned import FORMAT
 from bodysense_lab.papers.unoc.network.network import BodyNetwork, PredictorState, TrackedBody
 from bodysense_lab.papers.unoc.network.point_network import PointNetwork, TrackedPoints
+from bodysense_lab.papers.unoc.point_model import FORMAT as POINT_FORMAT
+from bodysense_lab.papers.unoc.point_model import Task
 from bodysense_lab.papers.unoc.sequences.body_sequences import RATE
 
 

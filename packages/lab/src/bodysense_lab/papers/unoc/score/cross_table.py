@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 
 from bodysense.io.resample import resample
-from bodysense.papers.fingers import FingerSynthesis
-from bodysense.papers.point_model import PointModel
 from bodysense.quality.metrics import joint_error
 from bodysense_lab.core.score_table import (
     BarChart,
@@ -26,6 +24,8 @@ from bodysense_lab.core.scoring import RATE, Tally, group_of
 from bodysense_lab.core.table import Report
 from bodysense_lab.core.tallies import Tallies
 from bodysense_lab.data.datasets import DataSet, describe_data, missing_data_remarks
+from bodysense_lab.papers.unoc.fingers import FingerSynthesis
+from bodysense_lab.papers.unoc.point_model import PointModel
 from bodysense_lab.papers.unoc.score.finger_scores import finger_offsets
 from bodysense_lab.papers.unoc.score.kept_scores import Scores, better_last_known
 

@@ -27,8 +27,6 @@ from bodysense.geometry.rotation import (
 )
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.papers.fingers import FingerSynthesis, synthesize
-from bodysense.papers.point_model import PointModel
 from bodysense.quality.metrics import joint_error
 from bodysense_lab.core.score_table import ScoreColumn, ScoreRow, ScoreTable, score_report
 from bodysense_lab.core.scoring import RATE, Tally
@@ -36,6 +34,8 @@ from bodysense_lab.core.table import Report
 from bodysense_lab.core.tallies import Tallies
 from bodysense_lab.data.augment import mirrored
 from bodysense_lab.data.datasets import Census, DataSet
+from bodysense_lab.papers.unoc.fingers import FingerSynthesis, synthesize
+from bodysense_lab.papers.unoc.point_model import PointModel
 
 METHODS = ("network", "bodysense", "mean_pose", "nearest")  # 'bodysense': after smoothing, on the wearer's rigid bones
 TABLE = ScoreTable(

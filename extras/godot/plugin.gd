@@ -1,0 +1,3 @@
+@tool
+extends EditorPlugin
+# The node BodysenseBody is registered by bodysense.gdextension; the plug-in has nothing to add to the editor.

@@ -1,0 +1,1 @@
+"""Inverse kinematics of the papers: bodies that meet targets within the limits of their joints."""

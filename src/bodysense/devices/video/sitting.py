@@ -1,0 +1,219 @@
+"""Sitting and standing before a camera: which of both, and the legs of either.
+
+Landmarks of a person who faces the camera are hardly deeper for raised thighs than for hanging ones, and webcams rarely
+see feet. So the posture is decided over time from several cues. Legs of sitting people lie on a seat of a likely
+height, which the knees in the picture or a known floor correct. Knees of standing people lose the bend that landmarks
+give straight legs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bodysense.body.arms import SIDES
+from bodysense.body.skeleton import Skeleton
+from bodysense.devices.video.landmark_points import FittedPoints
+from bodysense.devices.video.landmarks import BODY_LANDMARKS
+from bodysense.devices.video.person import PersonLandmarks
+
+# Cues of sitting, each 0 in the middle between rendered people who sit and who stand, 1 in their usual spread.
+_PITCH = (0.0, 20.0)  # degrees by which landmarks raise the thighs toward the front
+_APART = (1.1, 0.15)  # distance of the knees in the picture by that of the hips: nearer knees are farther apart
+_SHORT = (1.0, -0.2)  # length of the thighs in the picture by that of the shins
+_RANGE = (-1.0, 2.5)  # least and largest value of a cue
+_SEATED = 0.4  # sum of cues above which a person sits
+_MARGIN = 0.2  # of the sum by which it must pass `_SEATED` for a change
+_HALF_LIFE = 0.4  # s, of the averaging of cues
+_LONGEST_STEP = 0.5  # s, largest weight of a frame
+KNEE_VISIBLE = 0.35  # probability from which knees are cues; 0.4 at the edge of the picture, 0.15 beyond it
+_KNEE_GUESSED = 0.1  # probability from which knees beyond the picture are in their place; 0.02 behind a table
+_ANKLE_VISIBLE = 0.5  # probability from which ankles count
+FEET_VISIBLE = 0.75  # probability from which ankles tell where the floor is
+ASSUMED = 0.5  # probability that is given to legs that are hidden
+SEAT = 0.475  # m, likely height of a seat: chairs and office chairs
+_HIP_OVER_SEAT = 0.095  # m, of hip joints over the seat
+_SEAT_DEVIATION = 0.06  # m, of seats people sit on at desks
+_DROP_DEVIATION = 0.08  # m, of heights of knees under hips in the picture, on rendered people
+_DROP_BIAS = 0.02  # m by which these are too large there
+_USUAL = 0.15  # m from the likely height beyond which a seen height counts alone
+_ON_TABLE = 0.1  # weight of knees that are seen higher than seats allow: they are guesses on a table's edge
+_DROPS = (-0.35, 0.36)  # m, range of heights of the knees under the hips
+_WIDEST = 0.6  # sine of the largest angle of a thigh to the front
+_STANDING = 0.85  # of the pelvis's standing height, above which hidden legs stand
+_STRAIGHT, _BENT = 28.0, 75.0  # degrees of bend that straight knees of landmarks have, and above which bends are right
+
+_PAIRS = {part: [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES] for part in ("hip", "knee", "ankle")}
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """What the frames so far tell about the posture."""
+
+    cues: float | None = None  # mean sum of cues; None before knees were seen
+    is_seated: bool = True  # people whose legs were never seen sit at a desk
+    time: float = -np.inf  # s, of the last frame with knees
+
+    def step(self, person: PersonLandmarks) -> Sitting:
+        """Return the state after one more frame of unprocessed landmarks; it is unchanged if no knees are seen."""
+        if not person.has_body[0] or person.visible[0, _PAIRS["knee"]].min() < KNEE_VISIBLE:
+            return self
+        time, cues = float(person.time[0]), _cues(person)
+        share = 1.0 if self.cues is None else 1 - 2 ** (-min(time - self.time, _LONGEST_STEP) / _HALF_LIFE)
+        mean = cues if self.cues is None else self.cues + share * (cues - self.cues)
+        margin = 0.0 if self.cues is None else (-_MARGIN if self.is_seated else _MARGIN)
+        return Sitting(mean, mean > _SEATED + margin, time)
+
+
+def _cues(person: PersonLandmarks) -> float:
+    """Return the sum of cues of one frame with knees."""
+    world, picture, visible = person.world[0], person.picture[0], person.visible[0]
+    hips, knees, ankles = (picture[_PAIRS[part]] for part in ("hip", "knee", "ankle"))
+    across = world[_PAIRS["hip"][0]] - world[_PAIRS["hip"][1]]
+    across = across / max(float(np.linalg.norm(across)), 1e-9)
+    ahead = np.array([-across[2], 0.0, across[0]])  # level, in the camera's axes
+    thigh = (world[_PAIRS["knee"]] - world[_PAIRS["hip"]]).mean(axis=0)
+    pitch = np.degrees(np.arctan2(thigh @ ahead, -thigh[1]))
+    frontal = float(np.clip(2 * abs(across[0]) - 1, 0, 1))  # widths tell nothing of a person from the side
+    width = float(np.linalg.norm(knees[0] - knees[1]) / max(float(np.linalg.norm(hips[0] - hips[1])), 1e-3))
+    cues = [_cue(pitch, _PITCH), frontal * _cue(width, _APART)]
+    if visible[_PAIRS["ankle"]].min() >= _ANKLE_VISIBLE:
+        lengths = [np.linalg.norm(a - b, axis=-1).mean() for a, b in ((hips, knees), (knees, ankles))]
+        cues.append(_cue(float(lengths[0] / max(lengths[1], 1e-3)), _SHORT))
+    return sum(cues)
+
+
+def _cue(value: float, scale: tuple[float, float]) -> float:
+    return float(np.clip((value - scale[0]) / scale[1], *_RANGE))
+
+
+def lay_legs(
+    fitted: FittedPoints,
+    person: PersonLandmarks,
+    place: np.ndarray,
+    focal: float,
+    room: np.ndarray,
+    skeleton: Skeleton,
+    is_seated: bool,
+    floor: float | None,
+) -> FittedPoints:
+    """Return a body with the legs of its posture.
+
+    `place` (3,) m is the pelvis in the axes of an upright camera, `room` (3, 3) turns these to the room's, `floor` is
+    the floor's height over the camera's, m, if known.
+    """
+    probability = float(person.visible[0, _PAIRS["knee"]].min())
+    seen = probability >= (_KNEE_GUESSED if floor is None else KNEE_VISIBLE)
+    if probability < KNEE_VISIBLE and floor is not None:
+        is_seated = (room @ place)[1] - floor < _STANDING * skeleton.rest_offset[0, 1]
+    if not is_seated:
+        return _stand(fitted, person, room, skeleton)
+    position = fitted.position.copy()
+    level = room @ _heading(fitted, skeleton)
+    ahead = np.array([level[0], 0.0, level[2]]) / max(float(np.hypot(level[0], level[2])), 1e-9)
+    thighs = [_thigh(side, fitted, person, place, focal, room, skeleton, ahead, seen) for side in SIDES]
+    rest = _rest(skeleton)
+    hip, knee, ankle, foot, toe = (
+        skeleton.indices([f"{side}_{part}" for side in SIDES]) for part in ("hip", "knee", "ankle", "foot", "toe")
+    )
+    length = float(np.linalg.norm(rest[knee[0]] - rest[hip[0]]))
+    over = float(skeleton.rest_offset[0, 1] + rest[knee, 1].mean())  # m, of the knees over the floor
+    usual = SEAT + _HIP_OVER_SEAT - over
+    if seen:
+        drop = float(np.mean([-length * thigh[1] for thigh in thighs])) - _DROP_BIAS
+        sure = min(probability / KNEE_VISIBLE, 1.0) / _DROP_DEVIATION**2
+        if drop < usual - _USUAL and person.visible[0, _PAIRS["ankle"]].min() < _ANKLE_VISIBLE:
+            sure *= _ON_TABLE
+        trust = 1 / _SEAT_DEVIATION**2
+        if person.visible[0, _PAIRS["ankle"]].min() >= _ANKLE_VISIBLE:  # who crouches has the feet in the picture
+            trust *= np.exp(-0.5 * ((drop - usual) / _USUAL) ** 2)
+        drop = (drop * sure + usual * trust) / (sure + trust)
+    elif floor is not None:
+        drop = float((room @ (place + fitted.position[hip].mean(axis=0)))[1]) - floor - over
+    else:
+        drop = usual
+    drop = float(np.clip(drop, *_DROPS))
+    for k, thigh in enumerate(thighs):
+        flat = np.array([thigh[0], 0.0, thigh[2]])
+        flat = flat / max(float(np.linalg.norm(flat)), 1e-9)
+        bone = length * np.sqrt(1 - (drop / length) ** 2) * flat - [0.0, drop, 0.0]
+        turned = np.stack([np.cross([0.0, 1.0, 0.0], flat), [0.0, 1.0, 0.0], flat], axis=1)  # feet ahead of the knees
+        position[knee[k]] = position[hip[k]] + room.T @ bone
+        for point in (ankle[k], foot[k], toe[k]):
+            position[point] = position[knee[k]] + room.T @ turned @ (rest[point] - rest[knee[k]])
+    return _with_legs(fitted, position, skeleton)
+
+
+def _with_legs(fitted: FittedPoints, position: np.ndarray, skeleton: Skeleton) -> FittedPoints:
+    """Return a body at other places, whose knees, and ankles, are assumed if both are hidden."""
+    visible = fitted.visible.copy()
+    for part in ("knee", "ankle"):
+        pair = skeleton.indices([f"{side}_{part}" for side in SIDES])
+        if visible[pair].max() < ASSUMED:
+            visible[pair] = ASSUMED
+    return replace(fitted, position=position, visible=visible)
+
+
+def _thigh(
+    side: str,
+    fitted: FittedPoints,
+    person: PersonLandmarks,
+    place: np.ndarray,
+    focal: float,
+    room: np.ndarray,
+    skeleton: Skeleton,
+    ahead: np.ndarray,
+    is_seen: bool,
+) -> np.ndarray:
+    """Return the direction (3,) of a thigh in the room, at its knee's place in the picture; `ahead` if it is hidden."""
+    if not is_seen:
+        return ahead
+    rest, hip = _rest(skeleton), skeleton.index(f"{side}_hip")
+    length = float(np.linalg.norm(rest[skeleton.index(f"{side}_knee")] - rest[hip]))
+    ray = np.array([*person.picture[0, BODY_LANDMARKS.index(f"{side}_knee")], -focal])
+    ray = ray / np.linalg.norm(ray)
+    start = place + fitted.position[hip]
+    middle = float(ray @ start)
+    depth = np.sqrt(max(middle**2 - float(start @ start) + length**2, 0.0))
+    ends = [room @ ((middle + sign * depth) * ray - start) for sign in (-1.0, 1.0)]
+    thigh = max(ends, key=lambda end: float(end @ ahead))
+    thigh = thigh / max(float(np.linalg.norm(thigh)), 1e-9)
+    aside = np.cross([0.0, 1.0, 0.0], ahead)
+    wide = float(np.clip(thigh @ aside, -_WIDEST, _WIDEST))
+    flat = wide * aside + np.sqrt(1 - wide**2) * ahead
+    return np.array([flat[0], thigh[1], flat[2]])
+
+
+def _stand(fitted: FittedPoints, person: PersonLandmarks, room: np.ndarray, skeleton: Skeleton) -> FittedPoints:
+    """Return a body whose knees lose the bend that landmarks of straight legs have; hidden shins hang."""
+    position, rest = fitted.position.copy(), _rest(skeleton)
+    for number, side in enumerate(SIDES):
+        hip, knee, ankle, foot, toe = skeleton.indices(
+            [f"{side}_{part}" for part in ("hip", "knee", "ankle", "foot", "toe")]
+        )
+        thigh, shin = position[knee] - position[hip], position[ankle] - position[knee]
+        sizes = np.linalg.norm(thigh), np.linalg.norm(shin)
+        is_hidden = person.visible[0, _PAIRS["ankle"][number]] < _ANKLE_VISIBLE
+        if is_hidden:
+            shin = room.T @ (rest[ankle] - rest[knee])
+        bend = np.degrees(np.arccos(np.clip(thigh @ shin / (sizes[0] * sizes[1]), -1, 1)))
+        share = 1.0 if bend >= _BENT else max(bend - _STRAIGHT, 0) * _BENT / (_BENT - _STRAIGHT) / max(bend, 1e-6)
+        chord = shin if is_hidden else thigh + shin
+        chord = chord / np.linalg.norm(chord)
+        ends = [(1 - share) * size * chord + share * bone for bone, size in zip((thigh, shin), sizes, strict=True)]
+        position[knee] = position[hip] + ends[0] * sizes[0] / np.linalg.norm(ends[0])
+        moved = position[knee] + ends[1] * sizes[1] / np.linalg.norm(ends[1]) - position[ankle]
+        position[[ankle, foot, toe]] += moved
+    return _with_legs(fitted, position, skeleton)
+
+
+def _heading(fitted: FittedPoints, skeleton: Skeleton) -> np.ndarray:
+    """Return the direction (3,) in which the pelvis faces."""
+    hips = fitted.position[skeleton.indices([f"{side}_hip" for side in SIDES])]
+    across = hips[0] - hips[1]
+    return np.array([-across[2], 0.0, across[0]])
+
+
+def _rest(skeleton: Skeleton) -> np.ndarray:
+    return skeleton.path @ skeleton.rest_offset

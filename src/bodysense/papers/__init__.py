@@ -1,1 +1,0 @@
-"""Inference with networks of papers: HMD-VAE, UNOC's fingers."""
