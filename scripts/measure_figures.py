@@ -75,7 +75,8 @@ EXPECTED = (0.4, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0)  # cm: bounds of the bins of expe
 
 def marker_sets() -> dict[str, float]:
     """Return the errors of joints by marker set, cm, and of the 22 joints after tracking."""
-    from virtual import LABORATORIES, SETS, errors, raw_of, worn  # pyright: ignore[reportMissingImports]
+    from virtual_markers import LABORATORIES, SETS, errors, raw_of  # pyright: ignore[reportMissingImports]
+    from virtual_markers import marker_positions as marker_places  # pyright: ignore[reportMissingImports]
 
     clip, found = performance_of_unseen_body(), {}
     for name, labels in (SETS | LABORATORIES).items():
@@ -83,7 +84,7 @@ def marker_sets() -> dict[str, float]:
             found[f"{name}_{joint}_cm"] = 100 * error
     truth = np.asarray(forward_kinematics(clip.pose)[0])[:, clip.pose.skeleton.indices(BODY)]
     for name, labels in SETS.items():
-        places = worn(clip.pose, labels)
+        places = marker_places(clip.pose, labels)
         take = _tracked(clip, tuple(places), np.stack(list(places.values()), axis=1))
         off = 100 * np.linalg.norm(take.estimate.points[:, clip.pose.skeleton.indices(BODY)] - truth, axis=-1)
         found |= {f"{name}_tracked_cm": off.mean(), f"{name}_tracked_p95_cm": np.percentile(off, 95)}
@@ -93,10 +94,11 @@ def marker_sets() -> dict[str, float]:
 
 def marker_gaps() -> dict[str, float]:
     """Return the errors of filled gaps of a marker, cm: by the tracker, a cubic spline and a straight line."""
-    from virtual import PLUG_IN_GAIT, worn  # pyright: ignore[reportMissingImports]
+    from virtual_markers import PLUG_IN_GAIT  # pyright: ignore[reportMissingImports]
+    from virtual_markers import marker_positions as marker_places  # pyright: ignore[reportMissingImports]
 
     clip = performance_of_unseen_body()
-    places = worn(clip.pose, PLUG_IN_GAIT)
+    places = marker_places(clip.pose, PLUG_IN_GAIT)
     truth = np.stack(list(places.values()), axis=1)
     noisy = truth + np.random.default_rng(0).normal(0, NOISE, truth.shape)
     found = {}
@@ -358,7 +360,7 @@ def main(out: Path, folder: Path | None = None) -> None:
     known = MEASURES if folder is None else FROM
     if out.stem not in known:
         raise SystemExit(f"{out}: name it {', '.join(f'{name}.json' for name in known)}")
-    sys.path[:0] = [str(TESTS), str(TESTS / "io" / "markers")]  # the synthetic wearers of the tests
+    sys.path.insert(0, str(TESTS))  # the synthetic wearers of the tests
     numbers = MEASURES[out.stem]() if folder is None else FROM[out.stem](folder)
     write_numbers(out, {name: float(value) for name, value in numbers.items()})
     print(f"wrote {out}")

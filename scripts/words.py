@@ -1,6 +1,6 @@
-"""Word gauge: list comments, docstrings and pages whose English is harder than it must be.
+"""Word gauge: list lines of comments, docstrings and pages that need plainer English.
 
-    python scripts/words.py [FILE …]            all tracked files if none is given; fails if a line is listed
+    python scripts/words.py [FILE …]            all tracked files if omitted; fails if a line is listed
 
 Each row of `RULES` has a pattern and what to write instead. A line with `words: ok` is left out.
 """

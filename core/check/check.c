@@ -1,6 +1,6 @@
 /* Frames of arbitrary numbers through the whole interface, for sanitizers; also a libFuzzer target (-DFUZZ).
  *
- *     check [completion.safetensors [runs]]    a tiny random model if none is given
+ *     check [completion.safetensors [runs]]    a tiny random model if the file is omitted
  */
 #include <math.h>
 #include <stdio.h>

@@ -118,7 +118,7 @@ void bs_state_person(const bs_state *state, bs_person *person);
 /* 1 if the head was higher than the known height allows for 2 s: the height counts no more, and is inferred; else 0. */
 int bs_state_contradicts_height(const bs_state *state);
 
-/* Go on with the same evidence after more became known of the person. */
+/* Keep the evidence after the known parts of a person change. */
 bs_result bs_state_update_person(const bs_model *model, bs_state *state, const bs_person *person);
 
 /* ---- step -------------------------------------------------------------------------------------------------------- */
@@ -129,7 +129,7 @@ typedef struct bs_settings {
     double longest_gap; /* s without frames after which motion starts anew; 1 */
     double first;       /* s, interval that a first frame counts as, 1e-4 to 10; 1/30 */
     double longest;     /* s, a longer interval that is no gap counts as this, 1e-4 to 10; 0.1 */
-    int32_t hold_feet;  /* 1: feet that stand are held, and none is under the floor */
+    int32_t hold_feet;  /* 1: standing feet are held, and feet stay above the floor */
     int32_t infer;      /* 1: infer unknown proportions and mountings of trackers */
 } bs_settings;
 

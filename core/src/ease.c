@@ -4,7 +4,7 @@
 #include "kinematics.h"
 
 static const float RAMP = 0.2F;    /* of the span: what an offset takes to get up speed, and to lose it */
-static const float FASTER = 1.25F; /* 1 / (1 − RAMP): the greatest speed beside the mean one */
+static const float FASTER = 1.25F; /* 1 / (1 − RAMP): highest speed relative to the mean speed */
 
 vec3 limited(vec3 v, float most) {
     float size = length(v);

@@ -13,7 +13,7 @@ typedef struct ease {
     vec3 from;        /* offset at the start: m, or rad as a rotation vector */
     float age;        /* s since the start */
     float span;       /* s after which it is zero */
-    vec3 slope;       /* m/s: how fast the offset changes at first, beside its way to zero */
+    vec3 slope;       /* m/s: initial speed of the offset, added to that of its decay */
     vec3 speed, goal; /* m/s, m: of the output before, and the goal, at the start */
 } ease;
 

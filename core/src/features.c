@@ -1,4 +1,4 @@
-/* Features: what is tracked of a body, in the frame under the head and at one stature, as the network reads it. */
+/* Features: tracked points of a body in the frame under the head, scaled to one stature: the network's input. */
 #include "features.h"
 
 #include "tracked.h"

@@ -187,19 +187,7 @@ static inline int16x4_t neon_pair_at(const int16_t *p) {
 
 #define NAME(x) neon_##x
 #define TARGET
-#define SIMD_WIDTH 4
-#define SMALLER(a, b) vminq_f32(a, b)
-#define LARGER(a, b) vmaxq_f32(a, b)
-#define SHORT_TALL 4
-#define SHORT_WIDE 2
-#define SHORT_SUMS neon_sums
-#define SHORT_WEIGHTS int16x8_t
-#define SHORT_INPUTS int16x4_t
-#define SHORT_START(m, row, block) neon_no_sums()
-#define SHORT_LOAD_WEIGHTS(p) vmovl_s8(vld1_s8(p))
-#define SHORT_LOAD_INPUTS(p) neon_pair_at(p)
-#define SHORT_DOT(sum, w, x) neon_short_dot(sum, w, x)
-#define SHORT_TO_INTEGERS(sum) neon_paired(sum)
+#include "neon.h"
 #include "tile.h"
 
 /* Four products in one instruction, since ARMv8.2: known to the compiler, or to Linux. */
@@ -223,19 +211,7 @@ static inline int8x16_t neon_quad_at(const int8_t *p) {
 
 #define NAME(x) neondot_##x
 #define TARGET NEON_DOT
-#define SIMD_WIDTH 4
-#define SMALLER(a, b) vminq_f32(a, b)
-#define LARGER(a, b) vmaxq_f32(a, b)
-#define SHORT_TALL 4
-#define SHORT_WIDE 2
-#define SHORT_SUMS neon_sums
-#define SHORT_WEIGHTS int16x8_t
-#define SHORT_INPUTS int16x4_t
-#define SHORT_START(m, row, block) neon_no_sums()
-#define SHORT_LOAD_WEIGHTS(p) vmovl_s8(vld1_s8(p))
-#define SHORT_LOAD_INPUTS(p) neon_pair_at(p)
-#define SHORT_DOT(sum, w, x) neon_short_dot(sum, w, x)
-#define SHORT_TO_INTEGERS(sum) neon_paired(sum)
+#include "neon.h"
 #define BYTE_TALL 8
 #define BYTE_WIDE 4
 #define BYTE_SUMS int32x4_t

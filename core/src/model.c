@@ -117,7 +117,7 @@ typedef struct reader {
 } reader;
 
 typedef struct tensor {
-    const uint8_t *at; /* NULL if there is none */
+    const uint8_t *at; /* NULL if missing */
     int type;          /* bytes of a number: 1 int8, 2 half precision, 4 float, 8 double */
     int rows, columns; /* columns: the product of all lengths but the first */
 } tensor;

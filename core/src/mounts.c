@@ -14,7 +14,7 @@
 #define HALF_LIFE 2.0      /* s in which half of a correction comes into use */
 #define NOISE 0.01         /* m, standard deviation of a distance: joints are no ball joints, straps give */
 #define SHORT_NOISE 0.1    /* m, of a leg that is shorter than it may be: it may be bent */
-#define BENT 0.01          /* m by which a straight leg may seem too short, beside what is not known yet */
+#define BENT 0.01          /* m; a straight leg may seem shorter by this and by the uncertainty of its length */
 #define FARTHEST 4.0       /* standard deviations from what is expected: farther is an error of tracking */
 #define MOST 0.05          /* m, along each axis: a correction beyond is an error, too */
 #define SLIP 1e-4          /* m/√s by which straps slip */

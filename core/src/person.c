@@ -238,7 +238,7 @@ static void fit_lengths(const bs_model *model, const bs_person *person, double h
     likeliest_body(model, &known, own->believed, own->deviation);
 }
 
-/* Believe in the body that is likeliest given what is known and what was seen. */
+/* Choose the most likely body given the known parts and the evidence. */
 static void fit_body(const bs_model *model, const bs_person *person, proportions *own) {
     double total, head = upright_head(own->seconds[HEAD_OVER_FLOOR], &total), height, deviation;
     if (knows_height(person, own)) {

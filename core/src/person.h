@@ -35,7 +35,7 @@ void proportions_start(const bs_person *person, proportions *own);
 void proportions_step(const bs_model *model, const bs_person *person, const tracked *seen, double interval,
                       proportions *own);
 
-/* Go on with the same evidence after more became known: a known body is used at once, a likelier one is moved to. */
+/* Keep the evidence after the known parts change: a known body is used at once, an inferred one is approached. */
 void proportions_update(const bs_model *model, const bs_person *before, const bs_person *person, proportions *own);
 
 #endif

@@ -95,7 +95,7 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
         out->rotation[j] = eased_turn(&s->turn[j], goal[j], s->rotation[j], s->spin[j], interval, breaks, span);
     }
 
-    /* The body hangs on its head, or on its pelvis, or on what is seen. */
+    /* The base of the body is its head, its pelvis or its measured points. */
     place(out, t, p->head);
     for (int q = 0; q < BS_POINTS; q++)
         if (t->has_position[q]) s->has_measured_position = 1;

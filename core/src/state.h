@@ -12,7 +12,7 @@ struct bs_state {
     uint64_t size;     /* bytes, the network's memory included */
     double time;       /* s, of the frame before; NaN before the first */
     double base[3];    /* m, world: whole numbers near where motion started; places count from there */
-    bs_person person;  /* what is known beforehand */
+    bs_person person;  /* known parts of the body */
     proportions proportions;
     mounts mounts;
     pose_state pose;

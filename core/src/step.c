@@ -75,7 +75,7 @@ static bool within(const double *value, int n, double most) {
     return true;
 }
 
-/* Whether what is tracked in frame t can be. */
+/* Whether the tracked points of frame t are plausible. */
 static bs_result check_frame(const bs_observation *observation, int t) {
     for (int p = 0; p < observation->points; ++p) {
         size_t i = (size_t)t * (size_t)observation->points + (size_t)p;

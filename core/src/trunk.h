@@ -8,7 +8,7 @@
 void place(body *b, const tracked *t, vec3 head);
 
 /* By how much (m) a body placed by its predicted head has to move so that a measured head, else a measured pelvis, else
- * the mean of what is seen is where it is. */
+ * the mean of the measured points is met. */
 vec3 placement(const body *b, const tracked *t, const prediction *p);
 
 /* By how much (m) a body of which no place was ever measured has to move so that it is on the floor. */

@@ -299,7 +299,7 @@ static void measured_points_are_met(const scene *s, const result *r, int draw) {
     }
 }
 
-/* Of legs that nothing tracks: a tracked ankle or knee is met, however the network turns the foot. */
+/* Legs without trackers only: a tracked ankle or knee is met for any turn of the foot. */
 static void feet_are_not_under_the_floor(const scene *s, const result *r, int draw) {
     static const int FEET[] = {LEFT_ANKLE, RIGHT_ANKLE, LEFT_FOOT, RIGHT_FOOT, LEFT_TOE, RIGHT_TOE};
     for (int t = 0; t < FRAMES; t++) {

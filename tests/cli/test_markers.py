@@ -25,7 +25,8 @@ from bodysense.io.markers.files import write_markers
 from bodysense.io.markers.formats.c3d import write_c3d
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.io.markers.recording import read_markers
-from bodysense.observing.observation import Observation, chosen_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import chosen_points
 
 Command = Callable[..., str]
 

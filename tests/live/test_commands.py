@@ -23,7 +23,7 @@ from bodysense.io.formats.recording import Recording, write_recording
 from bodysense.io.reading_options import ReadingOptions
 from bodysense_live.commands import serve_settings
 from bodysense_live.commands.serve_options import AccessOptions, LoadOptions
-from bodysense_live.commands.serve_settings import access_of, playable_of, shared_of
+from bodysense_live.commands.serve_settings import access_of, address_of, playable_of, shared_of
 from bodysense_live.security.safety import Access
 from bodysense_live.server.settings import ServerSettings
 
@@ -104,6 +104,11 @@ def test_a_wrong_token_file_is_refused(refused: Refused, tmp_path: Path, text: s
         file.write_text(text)
     line = refused("serve", "--port", 0, "--token-file", file)
     assert line.startswith(expected.format(file=file)) and "of-it" not in line
+
+
+def test_the_printed_address_has_the_token_if_there_is_one() -> None:
+    assert address_of(Access(), 8765, lan=False) == "http://127.0.0.1:8765/"
+    assert address_of(Access(host="::1", token="secret-token"), 80, lan=False) == "http://[::1]:80/?token=secret-token"
 
 
 def test_secrets_are_read_from_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,12 +21,10 @@ from bodysense.observing.observation import (
     accuracy_like,
     check_observation,
     check_order,
-    chosen_points,
-    joined_points,
     observe,
-    observed_points,
     usual_accuracy,
 )
+from bodysense.observing.points import chosen_points, joined_points, observed_points
 from bodysense.tracking.estimate import Estimate
 
 SKELETON = default_skeleton()

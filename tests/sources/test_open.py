@@ -56,7 +56,7 @@ def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> Non
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("take.mvnx", r"export the take from Xsens as \.bvh"),
+        ("take.mvn", r"export the take as \.mvnx or \.bvh"),
         ("take.vmd", "MikuMikuDance, is not read; import model and motion in Blender"),
         ("keypoints.json", "OpenPose, .* give the video itself"),
         ("take.bvh.gz", "gunzip"),

@@ -16,7 +16,8 @@ from bodysense.devices.simulated.device import simulate
 from bodysense.devices.simulated.noise import hide
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import Observation, concatenated_frames
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import concatenated_frames
 from bodysense.takes import two_way
 from bodysense.takes.take import track
 from bodysense.takes.two_way import TwoWayTracker, crossfade, infer_person, reverse_time

@@ -25,5 +25,5 @@ def test_expected_errors_match_true_errors(device: str, most: float) -> None:
     error = np.linalg.norm(estimate.points - truth, axis=-1)[:, body][guessed]
     expected, bound = estimate.confidence[:, body][guessed], estimate.bound[:, body][guessed]
     assert 0.7 < expected.mean() / error.mean() < most  # recorded people are less smooth
-    assert 0.78 < (error <= bound).mean() < 0.96
+    assert 0.78 < (error <= bound).mean() < 0.975  # bounds must hold for people and scenes that are less usual
     assert np.asarray(spearmanr(expected, error))[0] > 0.6

@@ -221,7 +221,9 @@ export class App {
   private async watchWebcam(): Promise<void> {
     const { openWebcam } = await import("./sources/webcam"); // MediaPipe is fetched when it is wanted
     const before = this.source;
-    const source = await openWebcam(this.base, this.live, (text) => this.notice.fault(text));
+    const source = await openWebcam(this.base, this.live, (text) =>
+      text === null ? this.notice.clear() : this.notice.fault(text),
+    );
     if (this.source === before) this.begin(source);
     else source.stop?.(); // something else was chosen in the meantime
   }
@@ -300,7 +302,7 @@ export class App {
       this.say(
         this.headset.isActive
           ? "Stand upright, arms out to the sides. You are measured as soon as your head is tracked."
-          : "Choose Headset and put it on: you are measured as soon as your head is tracked, upright, arms out to the sides.",
+          : "No headset is on, and nothing else measures you. Choose Headset and put it on: you are measured as soon as your head is tracked, upright, arms out to the sides.",
       );
     }
   }
@@ -448,6 +450,8 @@ export class App {
     const passed = (milliseconds - this.drawnAt) / 1000;
     const seconds = Math.min(passed, LONGEST_STEP);
     this.drawnAt = milliseconds;
+    const side = this.settings.mirrored ? -1 : 1;
+    this.view.stage.scale.x = side;
     this.source?.frame?.(milliseconds, frame);
     const moment = this.playback.step(this.live.history, seconds);
     if (!this.source) return;
@@ -459,7 +463,7 @@ export class App {
       const ghosts = this.settings.ghosts && !this.source.isYou && !this.view.isClear && this.first.isMoving;
       const display = { ...this.settings, ghosts };
       this.bodies.show(moment, this.tree, display, seconds);
-      if (!this.headset.isActive) this.view.follow(moment.rootPosition[0], moment.rootPosition[2], passed);
+      if (!this.headset.isActive) this.view.follow(side * moment.rootPosition[0], moment.rootPosition[2], passed);
     }
     if (milliseconds - this.factsAt < FACTS_EVERY) return;
     this.factsAt = milliseconds;

@@ -14,6 +14,7 @@ export interface Settings extends DisplaySettings {
   readonly sensors: SensorSet; // of the simulated headset
   readonly holdFeet: boolean;
   readonly theme: Theme;
+  readonly mirrored: boolean; // left and right of the page's body are changed, as in a mirror
 }
 
 export const DEFAULT_SETTINGS: Settings = {
@@ -27,6 +28,7 @@ export const DEFAULT_SETTINGS: Settings = {
   signal: false, // off, because marks cover the face
   ghosts: true,
   theme: "auto",
+  mirrored: false,
 };
 
 const CHOICES: Readonly<Record<string, readonly unknown[]>> = {
@@ -34,7 +36,7 @@ const CHOICES: Readonly<Record<string, readonly unknown[]>> = {
   figure: ["avatar", "figure"],
   colouring: COLOURINGS,
   theme: THEMES,
-  ...Object.fromEntries(["holdFeet", "truth", "signal", "ghosts"].map((name) => [name, [true, false]])),
+  ...Object.fromEntries(["holdFeet", "truth", "signal", "ghosts", "mirrored"].map((name) => [name, [true, false]])),
 };
 const KEY = "bodysense.page";
 

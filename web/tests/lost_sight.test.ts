@@ -51,7 +51,7 @@ async function enterHeadset() {
     },
   };
   const view = { scene: new Scene(), stage: new Group(), renderer: { xr }, lightAt() {}, floorAt() {}, showRoom() {} };
-  const menu = { board: new Group(), point() {}, standBeside() {} };
+  const menu = { board: new Group(), point: () => [], standBeside() {} };
   const tracker = new Tracker(model, skeleton);
   let body!: Completed;
   const live = { skeleton, tree: skeleton } as Live;

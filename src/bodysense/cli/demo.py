@@ -101,7 +101,7 @@ def demo_rows(clip: Clip, seen: Observation, pose: Pose, device: str) -> list[De
 
     from bodysense.body.pose import forward_kinematics
     from bodysense.body.skeleton import BODY, LOWER_BODY
-    from bodysense.observing.observation import observed_points
+    from bodysense.observing.points import observed_points
     from bodysense.quality.metrics import joint_error
     from bodysense.takes.last_known import last_known
 

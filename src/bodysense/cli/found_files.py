@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 Split = Literal["train", "val", "test", "all"]
 LISTED = 40  # largest number of files that are listed one by one; in larger folders equal ones are counted
 OTHERS = (
-    *(".fbx", ".glb", ".gltf", ".vrma", ".npy", ".c3d", ".trc", ".tsv", ".csv", ".jsonl"),
+    *(".fbx", ".mvnx", ".glb", ".gltf", ".vrma", ".npy", ".c3d", ".trc", ".tsv", ".csv", ".jsonl"),
     *(".pkl", ".pickle", ".gz"),  # unsupported, listed with the fix
 )
 LAB = "packages/lab"
@@ -74,7 +74,7 @@ def _read(key: str, source: Source, reading: ReadingOptions) -> FoundFile:
 
     alone = source.skeleton is None and not source.member
     try:
-        if alone and source.path.suffix.lower() not in (".bvh", ".fbx", ".zip"):
+        if alone and source.path.suffix.lower() not in (".bvh", ".fbx", ".mvnx", ".zip"):
             return _read_other(key, source, reading)
         clip, rig = read_with_rig(source, reading)
     except BodysenseError as error:

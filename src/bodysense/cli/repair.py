@@ -62,7 +62,7 @@ def repair(
     json: Path | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
-    """Repair the defects of a finished take; everything else stays as it is.
+    """Repair the defects of a finished take; frames without defects are unchanged.
 
     Args:
         file: motion: .bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma.

@@ -217,7 +217,7 @@ class _Motion:
 
     def finish(self, seconds: float) -> None:
         """Complete the kept frames, `seconds` apart, and write them."""
-        from bodysense.observing.observation import concatenated_frames
+        from bodysense.observing.points import concatenated_frames
 
         self.presence.finish(seconds)
         if self.two_way is not None and self.kept:

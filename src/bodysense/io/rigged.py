@@ -29,6 +29,8 @@ from bodysense.io.clip import Clip, at_height
 from bodysense.io.formats.bvh import figures_of
 from bodysense.io.formats.bvh_text import open_bvh, parse_bvh
 from bodysense.io.formats.fbx.motion import parse_fbx
+from bodysense.io.mvnx import ENDING as MVNX
+from bodysense.io.mvnx import parse_mvnx
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.canonical import CanonicalForm
 from bodysense.io.rigs.figure import LONG, Figure, blocks_of, measured
@@ -188,7 +190,9 @@ def open_joint_file(path: Path, options: ReadingOptions = AS_FOUND) -> JointFile
 
 
 def _parsed(data: bytes, path: Path, options: ReadingOptions) -> JointFile:
-    """Return the content of a BVH or FBX file, whose values are all finite."""
+    """Return the content of a BVH, FBX or MVNX file, whose values are all finite."""
+    if path.suffix.lower() == MVNX:
+        return parse_mvnx(data, path)
     if path.suffix.lower() != FBX:
         return parse_bvh(data, path)
     return parse_fbx(data, path, options.animation, options.skin)

@@ -115,7 +115,7 @@ def draw_numbers(pixels: np.ndarray, people: Sequence[PersonTrack]) -> np.ndarra
 def side_by_side(pixels: np.ndarray, pose: Pose | None, camera: Camera) -> np.ndarray:
     """Draw a body over a picture, and to the right of it the body from its left: (H, W′, 3) uint8, even sizes.
 
-    `pixels` (H, W, 3) is the picture of `camera`. Without a body it is left as it is, next to an empty field.
+    `pixels` (H, W, 3) is the picture of `camera`. Without a body it is unchanged, next to an empty field.
     """
     from PIL import Image
 

@@ -21,16 +21,16 @@ Found = tuple[str, int, int, float]  # joint, first and last frame, size
 SPIKE = np.deg2rad(10.0)  # least deviation of a spike from the path around it
 WIDEST = 3  # frames; longest spike
 BESIDE = 4  # frames on either side with which a sudden change is compared
-SUDDEN = 2.5  # least ratio of a spike to the largest step beside it
+SUDDEN = 2.5  # least ratio of a spike to the largest adjacent step
 POP = np.deg2rad(20.0)  # least step of a pop
-POP_RATIO = 5.0  # least ratio of a pop to the largest step beside it
+POP_RATIO = 5.0  # least ratio of a pop to the largest adjacent step
 STILL = 1e-5  # rad; a joint that turns by less in a frame holds its rotation
 FREEZE = 0.25  # s; shortest freeze
 MOVING = 1e-3  # rad; the body moves if its joints turn by more in a frame, in the median
 USUALLY_STILL = 0.5  # share of frames; a joint that holds still for more never moves in this take
 SWAP = np.deg2rad(40.0)  # least sum of steps of a pair of limbs that change sides
 SWAP_RATIO = 2.0  # least ratio of the steps with and without the change of sides
-SWAP_SUDDEN = 1.5  # least ratio of that step to those beside it; limbs that pass each other move evenly
+SWAP_SUDDEN = 1.5  # least ratio of that step to adjacent ones; limbs that pass each other move evenly
 BACKWARD = np.deg2rad(12.0)  # least angle of a knee that bends backward
 KNEE = 0.1  # s; shortest span of a knee that bends backward
 
@@ -145,7 +145,7 @@ def swaps(pose: Pose, frame_rate: float) -> list[Found]:
 
 
 def _changes(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return sums of angles (T - 1,) from frame to frame of two limbs (T, K, 4), as they are and with sides changed."""
+    """Return sums of angles (T - 1,) from frame to frame of two limbs (T, K, 4), unchanged and with sides swapped."""
     across = (left * _MIRROR, right * _MIRROR)
     same = geodesic_angle(left[1:], left[:-1]) + geodesic_angle(right[1:], right[:-1])
     crossed = geodesic_angle(left[1:], across[1][:-1]) + geodesic_angle(right[1:], across[0][:-1])

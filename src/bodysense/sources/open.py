@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 _MANY_KINDS = (".npz", ".npy", *PICKLES)  # motions, recordings or joint positions, depending on their content
 _GLTF = (".glb", ".gltf", ".vrma", ".vrm")
 _JOINT_FILES = (".bvh", ".fbx")  # files whose joints can be written again
-MOTION_ENDINGS = (".bvh", ".fbx", ".npz", ".npy", *_GLTF, *PICKLES)
+MOTION_ENDINGS = (".bvh", ".fbx", ".mvnx", ".npz", ".npy", *_GLTF, *PICKLES)
 TRACKED_ENDINGS = (*MOTION_ENDINGS, ".jsonl", *MARKER_ENDINGS)  # of the files of a folder; videos are given by name
 Kind = Literal["motion", "recording", "markers", "video"]
 HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs with constant values
@@ -234,7 +234,7 @@ def kind_of(source: str | Path) -> Kind:
 
 
 def check_kind(path: str | Path) -> None:
-    """Raise BodysenseError, with the fix, for unsupported kinds of files: gzip, pickles, MVNX …"""
+    """Raise BodysenseError, with the fix, for unsupported kinds of files: gzip, USD, results of ROMP …"""
     path = Path(path)
     ending = path.suffix.lower()
     if ending == ".gz":
@@ -250,8 +250,7 @@ def check_kind(path: str | Path) -> None:
 
 # Unsupported files that users often have, and the fix for each.
 _UNSUPPORTED = {
-    ".mvnx": "MVNX is not read; export the take from Xsens as .bvh (or .c3d): File, Export, in MVN",
-    ".mvn": "Xsens's own format is not read; export the take as .bvh (or .c3d): File, Export, in MVN",
+    ".mvn": "Xsens's own format is not read; export the take as .mvnx or .bvh: File, Export, in MVN",
     ".vmd": "VMD, a motion of MikuMikuDance, is not read; import model and motion in Blender with MMD Tools, and "
     "export them as .glb or .bvh",
     ".json": "JSON of key points or of SMPL is not read: of a picture (OpenPose, AlphaPose …) give the video itself; "

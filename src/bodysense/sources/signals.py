@@ -10,7 +10,8 @@ from bodysense.body.person import Person
 from bodysense.devices.simulated.device import DEVICES, Device, simulate
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.recording import Recording
-from bodysense.observing.observation import RAW_POINTS, Observation, check_observation, concatenated_frames
+from bodysense.observing.observation import RAW_POINTS, Observation, check_observation
+from bodysense.observing.points import concatenated_frames
 from bodysense.observing.raw_poses import with_joints
 from bodysense.sources.open import MotionSource, Opened, VideoSource
 

@@ -12,7 +12,8 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.geometry.rotation import heading, quaternion_conjugate, quaternion_rotate
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 
 KNOWN: tuple[Literal["world", "head", "heading"], ...] = ("world", "head", "heading")  # frames in which points are held
 

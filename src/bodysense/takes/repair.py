@@ -2,7 +2,7 @@
 
 Spikes, pops, frozen limbs and backward knees are filled from the rest of the body and the frames around them. Swapped
 limbs are given back to their sides, a sliding foot stands where it stood, a sunken one is lifted onto the floor.
-Everything else stays as it is.
+Other frames are unchanged.
 """
 
 from __future__ import annotations
@@ -184,7 +184,7 @@ def _held(clip: Clip, side: str, spans: Sequence[tuple[int, int]]) -> np.ndarray
 
 
 def _wider(drifts: np.ndarray, first: int, end: int) -> tuple[int, int]:
-    """Return a span with the frames beside it in which the foot drifts (T,)."""
+    """Return a span extended by the adjacent frames (T,) in which the foot drifts."""
     while first > 0 and drifts[first - 1]:
         first -= 1
     while end < len(drifts) and drifts[end]:

@@ -24,7 +24,8 @@ from bodysense.io.clip import Clip
 from bodysense.io.markers.options import is_marker_file
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.resample import at_constant_rate
-from bodysense.observing.observation import Observation, check_world, concatenated_frames, observed_points
+from bodysense.observing.observation import Observation, check_world
+from bodysense.observing.points import concatenated_frames, observed_points
 from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.sources.signals import Signal, refuse, signal_from
 from bodysense.takes.fitting import fit_hips

@@ -18,7 +18,8 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, smooth_step
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense.takes.bridging import LONGEST, bridge_gaps
 from bodysense.takes.feet import plant_feet
 from bodysense.takes.fitting import Trunk, fit_limbs, fit_trunk

@@ -19,7 +19,8 @@ from bodysense.devices.gloves.hands import GloveModels, Hands, HandsSettings
 from bodysense.devices.simulated.glove_imu import observe_fingers
 from bodysense.devices.simulated.noise import hide
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_exp, quaternion_multiply
-from bodysense.observing.observation import Observation, joined_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import joined_points
 from bodysense_lab.synthesis.motion import HandMotion
 
 FLEXIONS = [k for k, row in enumerate(FREEDOMS) if row.angle == "flexion"]

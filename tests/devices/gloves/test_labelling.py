@@ -23,7 +23,8 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.io.resample import resample
-from bodysense.observing.observation import Observation, chosen_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import chosen_points
 from bodysense_lab.papers.two_hands.score.limits import label_accuracy
 
 

@@ -24,7 +24,8 @@ from bodysense.io.markers.formats.csv_table import read_csv
 from bodysense.io.markers.options import is_marker_file
 from bodysense.io.markers.raw_markers import MarkerFormat, points_alone, read_names
 from bodysense.io.markers.recording import read_markers, with_hands_of
-from bodysense.observing.observation import Observation, chosen_points, without_gloves
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import chosen_points, without_gloves
 
 RATE = 30.0
 RELEASE = packaged_sets()["two-hands"]

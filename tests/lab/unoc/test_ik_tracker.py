@@ -22,7 +22,8 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import Observation, accuracy_like, observed_points
+from bodysense.observing.observation import Observation, accuracy_like
+from bodysense.observing.points import observed_points
 from bodysense_lab.papers.ik.ik import IkSettings
 from bodysense_lab.papers.unoc.ik_tracker import IkTracker, IkTrackerSettings, IkTrackerState, limited, smooth
 from bodysense_lab.papers.unoc.learned import Learned, load_model

@@ -23,6 +23,7 @@ from websockets import ConnectionClosed, WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
+from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, SignalFrame, write_signal
 from bodysense_live.processes import pool as pool_module
 from bodysense_live.processes.pool import Workers, _take_connections, _Worker, distribute
@@ -54,6 +55,33 @@ class Pool(Workers):
 
     def replace(self, worker: _Worker) -> None:
         raise Ended
+
+
+class EndedProcess:
+    """A process that has ended."""
+
+    pid = None
+
+    def join(self, seconds: float) -> None:
+        """Return at once."""
+
+
+def test_the_server_stops_when_workers_end_more_often_than_eight_times_each() -> None:
+    """Exactly as many ends as are allowed are replaced, at once if too few workers serve."""
+    pool = Pool([])
+    pool._count, pool._ended, pool._due = 2, [], []
+    for k in range(17):
+        here, there = socket.socketpair()
+        with here, there:
+            worker = _Worker(EndedProcess(), here, None, serves=True)
+            pool.all = [worker]
+            if k == 16:
+                with pytest.raises(BodysenseError, match="workers end again and again"):
+                    Workers.replace(pool, worker)
+            else:
+                Workers.replace(pool, worker)
+    assert len(pool._due) == 16 and not pool.all
+    assert all(due <= time.monotonic() for due in pool._due), "too few workers serve"
 
 
 @pytest.fixture

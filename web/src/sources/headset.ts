@@ -7,6 +7,7 @@ import type { Quaternion as Turn, Vector } from "../body/math";
 import type { Observation } from "../body/observation";
 import { restHeight, restPoint } from "../body/skeleton";
 import type { Live } from "../live";
+import { Held } from "../view/held";
 import { Mirror } from "../view/mirror";
 import type { View } from "../view/scene";
 import type { VrMenu } from "../view/vr_menu";
@@ -42,6 +43,7 @@ export class Headset implements Source {
   isMirrorVisible = true;
   isSeated = false;
   private readonly mirror = new Mirror();
+  private readonly held = new Held();
   private reader = new HeadsetReader();
   private placement: Placement = UNMOVED;
   private hasPlacement = false;
@@ -57,7 +59,7 @@ export class Headset implements Source {
     private readonly menu: VrMenu,
     private readonly events: HeadsetEvents,
   ) {
-    view.scene.add(this.mirror.frame, menu.board);
+    view.scene.add(this.mirror.frame, menu.board, this.held.group);
   }
 
   get isActive(): boolean {
@@ -85,7 +87,7 @@ export class Headset implements Source {
     await this.view.renderer.xr.setSession(session);
     this.session = session;
     this.view.renderer.xr.getReferenceSpace()?.addEventListener("reset", () => this.recentre());
-    this.mirror.frame.visible = this.menu.board.visible = true;
+    this.mirror.frame.visible = this.menu.board.visible = this.held.group.visible = true;
     this.view.stage.matrixAutoUpdate = false;
   }
 
@@ -119,7 +121,10 @@ export class Headset implements Source {
       const time = this.clock.time(milliseconds / 1000, head);
       this.events.tracked({ time, points: applyPlacement(points, this.placement) });
     }
-    this.menu.point(this.rays(frame, space));
+    const sources = [...this.session.inputSources];
+    const rays = sources.map(({ targetRaySpace }) => frame.getPose(targetRaySpace, space));
+    const reaches = this.menu.point(rays.map((pose) => (pose ? new Matrix4().fromArray(pose.transform.matrix) : null)));
+    this.held.show(frame, space, sources, reaches);
   }
 
   /** End the session at the user's request. */
@@ -167,13 +172,6 @@ export class Headset implements Source {
     this.mirror.reachDown(-this.lift);
   }
 
-  private rays(frame: XRFrame, space: XRReferenceSpace): Matrix4[] {
-    return [...(this.session?.inputSources ?? [])].flatMap(({ targetRaySpace }) => {
-      const pose = frame.getPose(targetRaySpace, space);
-      return pose ? [new Matrix4().fromArray(pose.transform.matrix)] : [];
-    });
-  }
-
   private select({ frame, inputSource }: XRInputSourceEvent): void {
     const space = this.view.renderer.xr.getReferenceSpace();
     const pose = space && frame.getPose(inputSource.targetRaySpace, space);
@@ -187,7 +185,7 @@ export class Headset implements Source {
 
   private leave(): void {
     this.session = null;
-    this.mirror.frame.visible = this.menu.board.visible = false;
+    this.mirror.frame.visible = this.menu.board.visible = this.held.group.visible = false;
     this.view.showRoom(false);
     this.view.stage.visible = true;
     this.view.stage.matrixAutoUpdate = true;

@@ -1,6 +1,6 @@
 /** A webcam: a person's landmarks, found in a worker, become points of the body. Nothing leaves this browser. */
 
-import type { Landmarks } from "./landmark_marks";
+import { mark, SIDES, VISIBLE, type Landmarks } from "./landmark_marks";
 import { LandmarkPoints } from "./landmarks";
 import { mixed, type Vector } from "../body/math";
 import type { FromCamera, ToCamera } from "../engine/camera_worker";
@@ -11,6 +11,7 @@ import type { Source } from "./source";
 
 const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as webcams usually have it
 const CALM = 0.05; // s: half-life of the smoothing of landmarks
+const GUESSED = 0.15; // largest probability of landmarks beyond the picture; the library's have it, too
 const LONELY = 4; // s without a person before the page reports it
 const LOADING = "Loading the person detector: 23 MB, once …";
 const LOOKING = "Looking for you …";
@@ -22,7 +23,7 @@ const REFUSALS: Readonly<Record<string, string>> = {
 };
 
 /** Open the webcam. Throws an Error of one line that names the missing part. */
-export async function openWebcam(base: string, live: Live, say: (text: string) => void): Promise<Source> {
+export async function openWebcam(base: string, live: Live, say: (text: string | null) => void): Promise<Source> {
   if (!navigator.mediaDevices)
     throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
   const small = new CameraPicture();
@@ -70,7 +71,7 @@ class Webcam implements Source {
     private readonly small: CameraPicture,
     base: string,
     private readonly live: Live,
-    private readonly say: (text: string) => void,
+    private readonly say: (text: string | null) => void, // null: what was said is over
   ) {
     const aspect = video.videoWidth / Math.max(video.videoHeight, 1);
     this.points = new LandmarkPoints(Math.max(aspect, 1) / 2 / Math.tan((FIELD_OF_VIEW * Math.PI) / 360));
@@ -133,7 +134,10 @@ class Webcam implements Source {
         : {
             world: world.map(({ x, y, z }): Vector => [x, -y, -z]),
             picture: picture.map(({ x, y }) => [(x - 0.5) * aspect, 0.5 - y] as const),
-            visible: world.map(({ visibility }) => visibility ?? 0),
+            // A part beyond the picture is a guess, however visible MediaPipe holds it.
+            visible: world.map(({ visibility }, k) =>
+              Math.min(visibility ?? 0, picture[k].presence ?? 1, isInside(picture[k]) ? 1 : GUESSED),
+            ),
           };
     const passed = Math.min((milliseconds - this.before) / 1000, 1);
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
@@ -153,17 +157,23 @@ class Webcam implements Source {
       }
       return;
     }
-    this.small.say(seenOf(points.map(({ name }) => name)));
+    this.small.say(seenOf(found?.visible ?? []));
     this.before = this.lonely = milliseconds;
+    if (this.hasReported) this.say(null);
     this.hasReported = false;
     this.sensors = points.map(({ name }) => name);
     this.live.track({ time: milliseconds / 1000, points }, null);
   }
 }
 
+function isInside({ x, y }: { readonly x: number; readonly y: number }): boolean {
+  return Math.min(x, y) >= 0 && Math.max(x, y) <= 1;
+}
+
 /** How much of a person is seen. */
-function seenOf(points: readonly string[]): string {
-  return points.some((name) => name.endsWith("_ankle")) ? "You are seen" : "You are seen, without your feet";
+function seenOf(visible: readonly number[]): string {
+  const ankles = SIDES.map((side) => visible[mark(side, "ankle")]);
+  return Math.max(...ankles) >= VISIBLE ? "You are seen" : "You are seen, without your feet";
 }
 
 function smoothed(before: Landmarks, now: Landmarks, share: number): Landmarks {

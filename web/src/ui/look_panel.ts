@@ -17,7 +17,7 @@ export class LookPanel {
       radio.onchange = () => changed({ figure: radio.value === "figure" ? "figure" : "avatar" });
     }
     choice("colouring", settings.colouring, (colouring) => changed({ colouring }));
-    for (const name of ["truth", "signal", "ghosts"] as const)
+    for (const name of ["truth", "signal", "ghosts", "mirrored"] as const)
       tick(name, settings[name], (isOn) => changed({ [name]: isOn }));
   }
 

@@ -7,6 +7,7 @@ import { BodyView } from "./body_view";
 import { pointColour, TRUTH_COLOUR, type Colouring } from "./colours";
 import { ContactShadow } from "./contact_shadow";
 import { GhostView } from "./ghost_view";
+import { Seat } from "./seat";
 import { SignalView } from "./signal_view";
 import { Wardrobe } from "./wardrobe";
 
@@ -29,9 +30,10 @@ export class Bodies {
   private readonly signal = new SignalView();
   private readonly ghosts = new GhostView();
   private readonly contactShadow = new ContactShadow();
+  private readonly seat = new Seat();
 
   constructor(private readonly stage: Object3D) {
-    stage.add(this.signal.group, this.ghosts.group, this.contactShadow.group);
+    stage.add(this.signal.group, this.ghosts.group, this.contactShadow.group, this.seat.group);
     this.wardrobe = new Wardrobe(stage);
   }
 
@@ -53,11 +55,13 @@ export class Bodies {
     this.ghosts.show(moment.signal);
     this.contactShadow.group.visible = true;
     this.contactShadow.show(moment.body, tree.points);
+    this.seat.show(moment.body, this.skeleton, seconds);
   }
 
   /** Hide all bodies. */
   clear(): void {
-    for (const part of [this.result, this.truth, this.wardrobe.current, this.signal, this.ghosts, this.contactShadow])
+    const { result, truth, signal, ghosts, contactShadow, seat } = this;
+    for (const part of [result, truth, this.wardrobe.current, signal, ghosts, contactShadow, seat])
       if (part) part.group.visible = false;
   }
 

@@ -20,6 +20,13 @@ export interface MenuItem {
   readonly press: () => void;
 }
 
+/** Where a ray meets the board. */
+interface Hit {
+  readonly row: number; // −1: above the buttons
+  readonly place: Vector3;
+  readonly away: number; // m
+}
+
 const [WIDTH, ROW, GAP, PIXELS] = [0.5, 0.075, 0.012, 1400]; // m, m, m, pixels a metre
 const HEAD = 0.14; // m: the line on top
 
@@ -68,10 +75,10 @@ export class VrMenu {
     this.line = line;
   }
 
-  /** Rays of hands and controllers, world ← ray; the menu is redrawn if it changed. */
-  point(rays: readonly Matrix4[]): void {
-    const hits = rays.map((ray) => this.hit(ray)).filter((hit) => hit !== null);
-    const [hit] = hits;
+  /** Rays of hands and controllers, world ← ray; the menu is redrawn if it changed. Returns how far each is from it, m. */
+  point(rays: readonly (Matrix4 | null)[]): (number | null)[] {
+    const hits = rays.map((ray) => ray && this.hit(ray));
+    const hit = hits.find((one) => one !== null);
     this.dot.visible = hit !== undefined;
     this.hover.visible = hit !== undefined && hit.row >= 0; // drawn over the menu's picture, which stays
     if (hit) {
@@ -79,9 +86,11 @@ export class VrMenu {
       this.hover.position.set(0, this.height / 2 - HEAD - hit.row * (ROW + GAP) - ROW / 2, 0.002);
     }
     const state = JSON.stringify([this.line, this.items.map(({ text, isOn }) => [text(), isOn?.()])]);
-    if (state === this.drawn) return;
-    this.drawn = state;
-    this.draw();
+    if (state !== this.drawn) {
+      this.drawn = state;
+      this.draw();
+    }
+    return hits.map((one) => one?.away ?? null);
   }
 
   /** Press the row that a ray points at. Returns false if it points at none. */
@@ -91,14 +100,18 @@ export class VrMenu {
     return item !== undefined;
   }
 
-  private hit(ray: Matrix4): { readonly row: number; readonly place: Vector3 } | null {
+  private hit(ray: Matrix4): Hit | null {
     this.board.updateWorldMatrix(true, true);
     this.caster.ray.origin.setFromMatrixPosition(ray);
     this.caster.ray.direction.set(0, 0, -1).transformDirection(ray);
     const [found] = this.caster.intersectObject(this.panel);
     if (!found?.uv) return null;
     const down = (1 - found.uv.y) * this.height - HEAD;
-    return { row: down < 0 ? -1 : Math.min(Math.floor(down / (ROW + GAP)), this.items.length - 1), place: found.point };
+    return {
+      row: down < 0 ? -1 : Math.min(Math.floor(down / (ROW + GAP)), this.items.length - 1),
+      place: found.point,
+      away: found.distance,
+    };
   }
 
   private draw(): void {

@@ -36,7 +36,8 @@ from bodysense.devices.gloves.virtual_markers import SolvedHand, VirtualGlove, V
 from bodysense.errors import BodysenseError, expect
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply
 from bodysense.io.markers.raw_markers import points_alone
-from bodysense.observing.observation import OPTICAL_ACCURACY, Observation, joined_points, without_gloves
+from bodysense.observing.observation import OPTICAL_ACCURACY, Observation
+from bodysense.observing.points import joined_points, without_gloves
 
 SIDES: tuple[Side, ...] = ("left", "right")
 

@@ -23,7 +23,8 @@ from bodysense.body.hands.hand_family import GlovedHand, HandShapes
 from bodysense.devices.gloves.hand_model import MarkedHand, postures, prior_residuals
 from bodysense.devices.gloves.least_squares import LeastSquares
 from bodysense.io.markers.raw_markers import points_alone
-from bodysense.observing.observation import Observation, accuracy_like, chosen_points, joined_points
+from bodysense.observing.observation import Observation, accuracy_like
+from bodysense.observing.points import chosen_points, joined_points
 
 _MARKER = 0.002  # m: standard deviation of a marker from its position on the hand
 _WRONG = 0.015  # m: a marker this far from its position on the hand has half weight and does not count as seen

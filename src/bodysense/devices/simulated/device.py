@@ -12,7 +12,8 @@ from bodysense.body.hands.hand import hand_pose
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import Observation, check_observation, joined_points
+from bodysense.observing.observation import Observation, check_observation
+from bodysense.observing.points import joined_points
 
 if TYPE_CHECKING:
     from bodysense.body.hands.glove_set import GloveSet

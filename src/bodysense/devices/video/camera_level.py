@@ -1,4 +1,4 @@
-"""Tilt and roll of a camera, inferred from an upright person: from feet to shoulders, or the trunk of one who sits.
+"""Tilt and roll of a camera, inferred from an upright person: from feet to shoulders, or from a sitting person's trunk.
 
 The tilt is the angle by which the camera looks down, the roll the angle about its view axis. Landmarks are corrected
 for the roll first, because networks of bodies are trained on level cameras.

@@ -49,6 +49,6 @@ class Presence:
         return self._waiting[0] if self._waiting else self._frames
 
     def _leave(self, time: float) -> None:
-        """Note that nobody was there from the first waiting frame to `time`."""
+        """Note the absence of the person from the first waiting frame to `time`."""
         self.absent.append((self._times[0], time))
         self.seconds += time - self._times[0]

@@ -49,7 +49,7 @@ _PAIRS = {part: [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES] for p
 
 @dataclass(frozen=True)
 class Sitting:
-    """What the frames so far tell about the posture."""
+    """Evidence for the posture from the frames so far."""
 
     cues: float | None = None  # mean sum of cues; None before knees were seen
     is_seated: bool = True  # people whose legs were never seen sit at a desk

@@ -16,7 +16,8 @@ from bodysense.io.markers.formats.qualisys import read_tsv
 from bodysense.io.markers.formats.trc import read_trc
 from bodysense.io.markers.options import ENDINGS, is_marker_file
 from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, Unit, convert_world, points_alone
-from bodysense.observing.observation import Observation, chosen_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import chosen_points
 
 WRITTEN = (".csv", ".c3d")
 FASTEST = 100_000.0  # Hz; the fastest cameras of motion capture take 10,000 frames a second

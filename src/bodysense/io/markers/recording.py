@@ -24,7 +24,8 @@ from bodysense.io.markers.raw_markers import (
     observed_markers,
     world_of,
 )
-from bodysense.observing.observation import check_observation, joined_points
+from bodysense.observing.observation import check_observation
+from bodysense.observing.points import joined_points
 
 _SHARED = 5  # labels that two subjects share if both are people
 _FARTHEST = 1e9  # m from the origin: well over what a wrong unit makes, which has a better message

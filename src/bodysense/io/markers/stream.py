@@ -15,7 +15,8 @@ from bodysense.io.markers.marker_sets import recognised
 from bodysense.io.markers.raw_markers import FileWorld, MarkerFormat, RawMarkers, glove_labels, points_alone
 from bodysense.io.markers.recording import recording_of
 from bodysense.io.rigs.names import joints_of
-from bodysense.observing.observation import Observation, joined_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import joined_points
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from bodysense_lab.completion.networks.error_map import INPUTS, MASKS, POINTS, ErrorMap, identity_map
-from bodysense_lab.completion.networks.publish import ErrorSamples, fit_error_map
+from bodysense_lab.completion.networks.error_samples import ErrorSamples
+from bodysense_lab.completion.networks.publish import fit_error_map
 
 
 def samples(count: int = 6000) -> ErrorSamples:
@@ -19,8 +20,8 @@ def samples(count: int = 6000) -> ErrorSamples:
     in_training = rng.uniform(size=count) < 0.7
     mean *= np.where(in_training, 0.6, 1.0)[:, None]
     inputs = np.concatenate([np.log(expected), masks, certainty, disagreement], axis=1)
-    group = np.zeros(count, dtype=int)
-    return ErrorSamples(inputs, rng.exponential(mean), np.ones((count, POINTS), dtype=bool), in_training, group)
+    weight = np.full(count, 1 / count)
+    return ErrorSamples(inputs, rng.exponential(mean), np.ones((count, POINTS), dtype=bool), in_training, weight)
 
 
 def applied(fitted: ErrorMap, of: ErrorSamples) -> np.ndarray:

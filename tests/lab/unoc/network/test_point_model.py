@@ -77,6 +77,14 @@ def test_bones_do_not_twist(seed: int) -> None:
 # --- synthesis
 
 
+def test_the_state_before_the_first_frame_is_of_one_body_by_default() -> None:
+    network = load_point_model("fingers")
+    one, three = network.start(), network.start(3)
+    assert one and all(values.shape[0] == 1 for values in one.values())
+    for name, values in three.items():
+        np.testing.assert_array_equal(values, np.repeat(one[name], 3, axis=0))
+
+
 def test_the_body_is_untouched_and_fingers_are_rigid(fingers: PointModel, waving_clip: Clip) -> None:
     made = synthesize(waving_clip, fingers)
     body = np.setdiff1d(np.arange(len(SKELETON.joints)), FINGER_JOINTS)

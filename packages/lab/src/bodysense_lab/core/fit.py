@@ -273,7 +273,7 @@ def process_seed(seed: int, rank: int) -> int:
 def launch_fabric(devices: int = 1, nodes: int = 1, device: str = "auto") -> Fabric:
     """Return Fabric, launched on the devices of this process; all processes of a run share one folder.
 
-    Raises BodysenseError if `device` is `cuda` and there is none.
+    Raises BodysenseError if `device` is `cuda` and the machine has no CUDA device.
     """
     if device == "cuda" and not torch.cuda.is_available():
         raise BodysenseError("--device cuda: PyTorch finds no such device; give --device cpu, or leave it out")

@@ -16,7 +16,7 @@ from bodysense.io.datasets.splits import Split as DataSplit
 from bodysense.ranges import Count, Processes, Seed, within
 
 Split = Literal["train", "val", "test", "all"]
-SplitReader = Callable[[DataSplit], Iterator[Clip]]  # clips of a split, read as they are taken
+SplitReader = Callable[[DataSplit], Iterator[Clip]]  # clips of a split, read one at a time
 Output = Annotated[Path, tyro.conf.arg(aliases=("-o",))]
 Rate = Annotated[float, within(float, 1, 200)]  # Hz, of frames that clients send
 Minutes = Annotated[float, within(float, 0.01, 100_000)]

@@ -37,7 +37,7 @@ class StudyKey:
     scenes: dict[str, dict[str, Condition]]  # condition of each animation, by the scene's name
 
     def comparison(self, left: str, right: str) -> tuple[int, int, int]:
-        """Return scene and comparison of a pair, and 1, or −1 in reverse order. Raises KeyError if it is none."""
+        """Return scene and comparison of a pair, and 1, or −1 in reverse order. Raises KeyError for other names."""
         for scene, clips in enumerate(self.scenes.values()):
             if left in clips and right in clips and left != right:
                 pair = (clips[left], clips[right])

@@ -1,4 +1,4 @@
-"""Supervision of a server's tasks: a server without one of them would look healthy, and answer nobody."""
+"""Supervision of a server's tasks: a server that lost one would look healthy but send no answers."""
 
 from __future__ import annotations
 

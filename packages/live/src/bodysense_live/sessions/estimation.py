@@ -13,7 +13,8 @@ from bodysense.body.hands.hand import glove_hands
 from bodysense.body.hands.hand_family import GlovedHand
 from bodysense.body.person import Person
 from bodysense.body.skeleton import Skeleton
-from bodysense.observing.observation import Observation, without_gloves
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import without_gloves
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.tracker import Tracker, TrackerSettings, TrackerState, step_together
 

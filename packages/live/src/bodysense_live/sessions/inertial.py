@@ -19,7 +19,8 @@ from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_po
 from bodysense.body.skeleton import Skeleton
 from bodysense.geometry.rigid import RigidTransform
 from bodysense.geometry.rotation import heading, normalize, quaternion_conjugate, quaternion_multiply
-from bodysense.observing.observation import Observation, chosen_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import chosen_points
 from bodysense.tracking.calibration import Stance
 
 _MIDDLE = ("head", "neck", "spine3", "spine2", "spine1", "pelvis")

@@ -18,7 +18,8 @@ from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import SignalFrame, read_signal, signal_time
-from bodysense.observing.observation import Observation, chosen_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import chosen_points
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.tracker import Tracker, TrackerSettings
 from bodysense_live.protocols.webxr import UNASSIGNED, Placement, point_mapping, raised, recentred, to_observation

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 from bodysense.body.person import Person
 from bodysense.body.shape import stature
-from bodysense.observing.observation import Observation, concatenated_frames
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import concatenated_frames
 from bodysense.tracking.calibration import Stance, assign_trackers, calibrate
 from bodysense_live.protocols.webxr import UNASSIGNED
 from bodysense_live.sessions.inertial import InertialSensors, calibrate_sensors, has_sensors

@@ -18,7 +18,8 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
-from bodysense.observing.observation import Observation, chosen_points, concatenated_frames
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import chosen_points, concatenated_frames
 from bodysense.tracking.calibration import TRACKER_JOINTS, assign_trackers
 from bodysense_live.protocols.webxr import UNASSIGNED
 

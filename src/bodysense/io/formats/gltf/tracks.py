@@ -49,7 +49,7 @@ def tracks_of(file: GltfFile, name: str | None = None) -> dict[tuple[int, str], 
 
 
 def _animations(file: GltfFile, name: str | None) -> list[Any]:
-    """Return the animations with a name, or all. Raises BodysenseError if there is none of the name."""
+    """Return the animations with a name, or all. Raises BodysenseError for an unknown name."""
     every = file.document.get("animations", [])
     every = every if isinstance(every, list) else []
     if name is None:

@@ -47,7 +47,7 @@ class SequenceBatch(NamedTuple):
 
 
 class RawBatch(NamedTuple):
-    """Frames of B sequences as they were drawn, which `assembled` completes on the device that trains."""
+    """Drawn frames of B sequences. `assembled` completes them on the training device."""
 
     parts: dict[str, Tensor]  # frames of the sequences (B, T, ...), and parts of the sequences (B, ...)
     earlier: dict[str, Tensor]  # the frames before these, of the tracked points

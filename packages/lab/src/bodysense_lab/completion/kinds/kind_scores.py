@@ -16,7 +16,8 @@ import numpy as np
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.noise import hide
 from bodysense.devices.simulated.sensors import INERTIAL_SETS, SENSOR_SETS, SensorSet
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense.quality.metrics import joint_error
 from bodysense_lab.completion.data.signal_kinds import FAMILIES, TEST_SIGNALS, draw_signal, observed_set
 from bodysense_lab.completion.kinds.lattice_scores import TOLERANCE, EdgeScore

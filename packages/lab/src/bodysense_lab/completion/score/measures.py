@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.skeleton import BODY, LOWER_BODY, Skeleton
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense.quality.metrics import (
     floor_penetration,
     foot_skate,

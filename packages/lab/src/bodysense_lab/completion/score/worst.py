@@ -14,7 +14,7 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import observed_points
+from bodysense.observing.points import observed_points
 from bodysense.pictures.camera import Lens
 from bodysense.pictures.comparison import View, draw_views
 from bodysense_lab.completion.score.scenes import TRUTH_OF, TrackedScene, person_of, scene_of

@@ -25,7 +25,8 @@ from bodysense.geometry.rotation import (
     quaternion_multiply,
     slerp,
 )
-from bodysense.observing.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order, observed_points
+from bodysense.observing.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order
+from bodysense.observing.points import observed_points
 from bodysense.weights.network import Network, NetworkFormat
 from bodysense_lab.papers.ik.target_ik import MEASURED_ERROR
 from bodysense_lab.papers.unoc.point_model import HeadAndHands

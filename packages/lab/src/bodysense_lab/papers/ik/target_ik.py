@@ -11,7 +11,8 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.geometry.products import world_rotation
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense_lab.papers.ik.ik import IkSettings, InverseKinematics
 
 MEASURED_ERROR = 0.002  # m: expected error of a tracked point

@@ -65,7 +65,7 @@ def seen_from_front(clip: Clip) -> ArmKeypoints:
 def seen_part(frames: ArmKeypoints, name: str) -> slice:
     """Return the frames from the first to the last with a person in the picture, and print the share that is seen.
 
-    Raises BodysenseError if nobody is seen.
+    Raises BodysenseError if the video has no person.
     """
     seen = frames.has_torso | frames.has_arm.any(axis=-1) | frames.has_hand.any(axis=-1)
     if not seen.any():

@@ -132,7 +132,7 @@ def score_arms(
 def solved_from_positions(truth: Pose) -> np.ndarray:
     """Return rotations (T, 38, 4), in the form of `arms_from_torso`, by inverse kinematics on the true positions.
 
-    No video gives as much. Twists that positions leave open are those of the body's relaxed posture (`papers/ik/ik.py`).
+    No video gives as much. Twists that positions leave open are those of the relaxed posture (`papers/ik/ik.py`).
     """
     position = np.asarray(forward_kinematics(truth)[0])
     ik = InverseKinematics(truth.skeleton, IkSettings(max_iterations=50))

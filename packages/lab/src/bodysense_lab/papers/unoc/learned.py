@@ -15,7 +15,8 @@ from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense.takes.last_known import last_known
 from bodysense.weights.network import Network, NetworkFormat
 from bodysense_lab.core.scoring import RATE, TrackedClip

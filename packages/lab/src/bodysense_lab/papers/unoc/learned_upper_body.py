@@ -14,7 +14,8 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.geometry.rotation import quaternion_exp, quaternion_rotate
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense_lab.papers.ik.target_ik import MEASURED_ERROR
 from bodysense_lab.papers.unoc.point_model import HeadAndHands, PointModel, PointRunner, PointState, load_point_model
 from bodysense_lab.weights import packaged

@@ -44,7 +44,8 @@ from bodysense.geometry.rotation import (
     quaternion_to_matrix,
     shortest_arc,
 )
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 
 # m: mean error of points of either side on the train split; of wrists and head while they are lost, for up to a second.
 EXPECTED_ERROR = {

@@ -35,6 +35,7 @@ PORTS: dict[MarkerProtocol, int] = {"natnet": natnet.PORT, "qtm": qtm.PORT, "vic
 _PROGRAMS = {"natnet": "Motive", "qtm": "QTM", "vicon": "Nexus, Tracker or Shogun"}
 RETRY = 0.5  # s between attempts to connect
 SILENCE = 3.0  # s without a byte, after which the connection is made anew
+_WAIT = 0.002  # s until the session is asked again whether it takes a frame
 _CHUNK = 1 << 20  # bytes that are read at once: all frames that wait, of which the newest is used
 
 
@@ -83,6 +84,8 @@ class MarkerLink:
         self._learning: asyncio.Task[None] | None = None
         self._points: tuple[str, ...] = ()  # of the session
         self._sequence = 0
+        self._newest: StreamFrame | None = None  # until the session takes a frame
+        self._timer: asyncio.TimerHandle | None = None
         self._frame_at: float | None = None  # s of the loop's clock, when a frame last arrived; None: lost
         self._said = ""  # the last line that was printed
 
@@ -100,6 +103,8 @@ class MarkerLink:
         for task in (self._task, self._learning):
             if task is not None:
                 task.cancel()
+        if self._timer is not None:
+            self._timer.cancel()
         if self._log is not None:
             with contextlib.suppress(OSError):
                 self._log.close()
@@ -181,17 +186,34 @@ class MarkerLink:
             text = self._markers.add(frame)
             if text is not None:
                 self._say(text)
-        for _ in frames[1:]:
+        for _ in frames[1:] if self._newest is None else frames:
             self._metrics.dropped("replaced")
+        self._newest = frames[-1]
         if self._markers.is_due and (self._learning is None or self._learning.done()):
             self._learning = asyncio.get_running_loop().create_task(self._learn())
-        observation = self._markers.observe(frames[-1])
+        self._forward()
+
+    def _forward(self) -> None:
+        """Convert the newest frame for the session, as soon as it takes one: a busy machine converts no others."""
+        frame = self._newest
+        if frame is None:
+            return
+        if self._slot.session.has_pending:
+            if self._timer is None:
+                self._timer = asyncio.get_running_loop().call_later(_WAIT, self._forward_later)
+            return
+        self._newest = None
+        observation = self._markers.observe(frame)
         if observation is None:
             return
         if observation.points != self._points and not self._set_points(observation.points):
             return
         self._sequence = (self._sequence + 1) % 2**32
-        self._receive_frame(signal_of(observation, self._points, self._sequence, frames[-1].time))
+        self._receive_frame(signal_of(observation, self._points, self._sequence, frame.time))
+
+    def _forward_later(self) -> None:
+        self._timer = None
+        self._forward()
 
     def _set_points(self, points: tuple[str, ...]) -> bool:
         """Give the session other points. Return whether it takes them."""

@@ -10,7 +10,8 @@ import numpy as np
 
 from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.geometry.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense.quality.metrics import joint_error, vector_length
 from bodysense_lab.completion.score.scenes import TrackedScene
 from bodysense_lab.completion.score.scores import RunningScores

@@ -10,7 +10,7 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose
 from bodysense.files import written_beside
-from bodysense.observing.observation import observed_points
+from bodysense.observing.points import observed_points
 from bodysense.pictures.camera import Lens
 from bodysense.pictures.comparison import View, draw_views
 from bodysense_lab.completion.score.scripted.scene_scoring import SETS, SceneJob, observe_scene

@@ -11,7 +11,8 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY
 from bodysense.geometry.rotation import geodesic_angle
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense.quality.metrics import vector_length
 from bodysense_lab.completion.score.measures import JUMP
 from bodysense_lab.completion.score.scenes import TrackedScene

@@ -13,7 +13,8 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense.quality.metrics import joint_error, vector_length
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import CompletionModel

@@ -20,7 +20,8 @@ from bodysense.devices.gloves import inertial
 from bodysense.devices.gloves.fingers import hand_shape, place_hands
 from bodysense.devices.gloves.hands import GloveModels, HandsSettings, load_glove_models
 from bodysense.devices.simulated.glove_imu import GloveImuNoise, add_errors
-from bodysense.observing.observation import EXACT_ACCURACY, Observation, joined_points
+from bodysense.observing.observation import EXACT_ACCURACY, Observation
+from bodysense.observing.points import joined_points
 from bodysense.quality.metrics import joint_error
 from bodysense_lab.core.scoring import GROUPS
 from bodysense_lab.core.table import Report, cell, finite

@@ -18,7 +18,8 @@ from torch import Tensor, nn
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense_lab.core.checkpoint import read_weights_file
 from bodysense_lab.papers.unoc.network.recurrent import Cell, Recurrent, branch
 

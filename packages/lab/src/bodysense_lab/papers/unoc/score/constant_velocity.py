@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bodysense.body.skeleton import Skeleton
-from bodysense.observing.observation import Observation, observed_points
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense.takes.last_known import last_known
 
 LONGEST = 0.5  # s for which a velocity is kept; later the point stays where it is

@@ -1,0 +1,69 @@
+/** A box under a body that sits: nobody sits on air. */
+
+import { Group, Mesh, MeshStandardMaterial } from "three";
+import { RoundedBoxGeometry } from "three/addons/geometries/RoundedBoxGeometry.js";
+import type { Body, Skeleton } from "../body/skeleton";
+
+const LOWERED = 0.87; // of the pelvis's standing height: higher ones stand
+const LEAST = 0.15; // m, height of a seat: lower ones sit on the floor
+const BEHIND = 0.2; // m from the feet's middle to the pelvis: nearer ones are carried by the feet, as in a squat
+const BELOW = 0.095; // m from the hips down to the seat
+const FLOORED = 0.25; // m: a higher foot is not on the floor, and nobody sits between steps
+const SETTLED = 0.4; // s of sitting before the box is there
+const MOVED = 0.15; // m by which the hips leave their place before the box follows
+const SIZE = 0.42; // m, width and depth
+
+/** A place to sit on, m, and the direction that it faces, rad about +Y. */
+export interface Place {
+  readonly at: readonly [number, number, number]; // middle of its top
+  readonly turn: number;
+}
+
+/** Return the seat under a body, or null if its feet carry it. */
+export function seatUnder({ position }: Body, tree: Skeleton): Place | null {
+  const point = (name: string): readonly [number, number, number] => {
+    const at = 3 * tree.points.indexOf(name);
+    return [position[at], position[at + 1], position[at + 2]];
+  };
+  const [left, right, a, b] = ["left_hip", "right_hip", "left_ankle", "right_ankle"].map(point);
+  const [x, y, z] = [0, 1, 2].map((k) => (left[k] + right[k]) / 2);
+  const top = y - BELOW;
+  const away = Math.hypot(x - (a[0] + b[0]) / 2, z - (a[2] + b[2]) / 2);
+  if (point("pelvis")[1] > LOWERED * tree.restOffset[1] || top < LEAST || away < BEHIND) return null;
+  if (Math.max(a[1], b[1]) > FLOORED + top || Math.min(a[1], b[1]) > FLOORED) return null;
+  return { at: [x, top, z], turn: Math.atan2(right[2] - left[2], left[0] - right[0]) };
+}
+
+export class Seat {
+  readonly group = new Group();
+  private readonly box = new Mesh(
+    new RoundedBoxGeometry(SIZE, 1, SIZE, 3, 0.02),
+    new MeshStandardMaterial({ color: "#b9b3a5", roughness: 0.8 }),
+  );
+  private place: Place | null = null;
+  private sat = 0; // s
+
+  constructor() {
+    this.box.castShadow = this.box.receiveShadow = true;
+    this.group.add(this.box);
+    this.group.visible = false;
+  }
+
+  /** Stand under the body if it sits; `seconds` have passed since the body before. */
+  show(body: Body, tree: Skeleton, seconds: number): void {
+    const found = seatUnder(body, tree);
+    this.sat = found ? this.sat + seconds : 0;
+    if (!found || this.sat < SETTLED) this.place = null;
+    else if (!this.place || distance(this.place, found) > MOVED) this.place = found;
+    this.group.visible = this.place !== null;
+    if (!this.place) return;
+    const [x, top, z] = this.place.at;
+    this.box.scale.y = top;
+    this.group.position.set(x, top / 2, z);
+    this.group.rotation.y = this.place.turn;
+  }
+}
+
+function distance({ at: [a, b, c] }: Place, { at: [x, y, z] }: Place): number {
+  return Math.hypot(x - a, y - b, z - c);
+}
