@@ -95,6 +95,13 @@ static void flatten_foot(body *b, const tracked *t, int ankle, int ball, float b
     if (!known_rotation(t, ball)) b->rotation[ball] = turned_by(b->rotation[ball], turn);
 }
 
+/* Turn a foot about the vertical through its ankle (rad). */
+static void turn_foot(body *b, const tracked *t, int ankle, int ball, float turn) {
+    if (turn == 0.0F || known_rotation(t, ankle)) return;
+    b->rotation[ankle] = turned_by(b->rotation[ankle], scale(UP, turn));
+    if (!known_rotation(t, ball)) b->rotation[ball] = turned_by(b->rotation[ball], scale(UP, turn));
+}
+
 /* Lay a shin on the floor whose ankle would be lower than `least` (m, from the hip): back from the knee if it is steep. */
 static two_bones lay_shin(two_bones to, vec3 back, float least) {
     vec3 shin = sub(to.end, to.middle);
@@ -145,15 +152,23 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         f->ankle_contact = p->contact[k];
         f->ball_contact = p->contact[2 + k];
         f->seen = t->has_position[j->end] || t->has_position[ball] || t->has_position[toe];
+        f->turned = known_rotation(t, j->end);
         f->met = t->has_position[j->end] && !easing(&s->limb[LEFT_LEG + k].end);
         float knee = b->point[j->start].y + to.middle.y - t->floor;
         f->kneels = fminf(fmaxf((MAY_STAND - knee) / (MAY_STAND - KNEELS), 0.0F), 1.0F);
     }
     vec3 move[2] = {{0, 0, 0}, {0, 0, 0}};
-    if (settings->hold_feet) hold_feet(feet, t->floor, t->interval, uprightness(b, t, s), s->foot, move);
+    if (settings->hold_feet) {
+        foot_move moved[2];
+        hold_feet(feet, (carrier){b->point[HEAD], c, sine}, t->floor, t->interval, uprightness(b, t, s), s->foot, moved);
+        for (int k = 0; k < 2; k++) {
+            move[k] = moved[k].shift;
+            turn_foot(b, t, LEFT_ANKLE + k, LEFT_FOOT + k, moved[k].turn);
+        }
+    }
     float lacking = 0.0F, settle = 1.0F - power_of_two(-t->interval / SETTLE);
     for (int k = 0; k < 2; k++) {
-        if (s->foot[k].held == 0) continue;
+        if (s->foot[k].held == 0 || s->foot[k].step.span > 0.0F) continue;
         float longest = STRAIGHT * (length(task[k].upper) + length(task[k].lower));
         vec3 end = add(feet[k].ankle, move[k]);
         if (task[k].middle_turned) { /* a shin with a measured rotation does not stretch the leg */

@@ -29,10 +29,29 @@ typedef struct hinge_state {
     float upright, tilted; /* sums of its cosine and sine, by how far elbows were bent */
 } hinge_state;
 
+/* Where the body is that feet carry: its head, from base (m), and the heading of its pelvis. */
+typedef struct carrier {
+    vec3 head;
+    float cosine, sine;
+} carrier;
+
+/* A step of a foot to where it is predicted. */
+typedef struct foot_step {
+    vec3 from;          /* m: how far the foot was held back */
+    float turned;       /* rad: and turned back */
+    float age, span;    /* s; a span of 0: no step */
+} foot_step;
+
 typedef struct foot_state {
     uint8_t held;   /* 0: free, 1: by the ankle, 2: by the ball */
     vec3 anchor;    /* m, from base: where the held part stands */
     vec3 slide;     /* m, along the floor: how far the foot is held back */
+    vec3 ahead;     /* unit, along the floor: where the held foot points */
+    float turn;     /* rad about +Y: by how much the foot is turned back */
+    vec3 put_at;    /* m, from base: where the held part was put down */
+    carrier put_by; /* where the body was then */
+    float strain;   /* m·s by which a foot that stands is away from where it belongs */
+    foot_step step;
     float stood;    /* s since the ankle rests on the floor */
     float drop;     /* m: how far the foot is lowered onto the floor; below 0: raised */
 } foot_state;

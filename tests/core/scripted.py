@@ -10,7 +10,13 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
-from bodysense.geometry.rotation import euler_to_quaternion, slerp, smooth_step
+from bodysense.geometry.rotation import (
+    euler_to_quaternion,
+    quaternion_multiply,
+    quaternion_rotate,
+    slerp,
+    smooth_step,
+)
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.tracker import Tracker
 
@@ -49,6 +55,19 @@ def bowing(skeleton: Skeleton, pitch: float) -> Pose:
         turns |= {f"{side}_hip": (12 - 0.75 * pitch, 0, 0), f"{side}_ankle": (-12.0, 0, 0)}
         turns[f"{side}_shoulder"] = (0.0, -sign * 40.0, -sign * 60.0)
     return posed(skeleton, turns)
+
+
+def carried(skeleton: Skeleton, yaw: np.ndarray, aside: np.ndarray) -> Pose:
+    """A standing body that a platform turns about its middle (degrees, T) and moves to its left (m, T)."""
+    time, pose = np.arange(len(yaw)), standing_pose(skeleton)
+    rotation = np.tile(pose.rotation, (len(time), 1, 1))
+    for side, sign in (("left", 1), ("right", -1)):
+        hanging = euler_to_quaternion(np.radians([0.0, 0.0, -sign * 60.0])[None, ::-1], "ZYX")
+        rotation[:, skeleton.index(f"{side}_shoulder")] = hanging
+    turn = euler_to_quaternion(np.radians(np.stack([yaw, 0 * yaw, 0 * yaw], axis=-1)), "YXZ")
+    rotation[:, 0] = quaternion_multiply(turn, rotation[:, 0])
+    moved = np.stack([aside, 0 * aside, 0 * aside], axis=-1)
+    return Pose(skeleton, np.asarray(quaternion_rotate(turn, pose.root_position)) + moved, rotation)
 
 
 def tracked(pose: Pose, device: str | SensorSet, person: Person | None = None) -> Estimate:
