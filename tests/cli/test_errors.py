@@ -59,7 +59,7 @@ WRONG = {
     "another kind of file": (
         SIMULATE,
         "motion.csv",
-        r"markers, not a motion; .* or give a file of \.bvh, \.fbx, \.npz",
+        r"markers, not a motion; .* or give a file of \.bvh, \.fbx, \.mvnx, \.npz",
     ),
     "frames that are NaN": (DEMO, "nan.bvh", "frame 0 is not finite"),
     "another skeleton": (TRACK, "tail.npz", "unknown joint 'tail'"),

@@ -18,7 +18,6 @@ from bodysense.geometry.rotation import (
     quaternion_rotate,
 )
 
-_MANY = 64  # frames, from which on kinematics run in blocks
 _BLOCK = 256  # frames; (256, 65, 3) numbers stay in the processor's cache
 _CYCLE = ((1, 2), (2, 0), (0, 1))  # the axes of a cross product
 
@@ -47,7 +46,7 @@ def forward_kinematics(pose: Pose, rest_offset: Array | None = None) -> tuple[Ar
     """
     expect(pose, Pose, "forward_kinematics", "a Pose")
     skeleton = pose.skeleton
-    if isinstance(pose.rotation, np.ndarray) and rest_offset is None and _has_many_frames(pose.rotation):
+    if isinstance(pose.rotation, np.ndarray) and rest_offset is None and pose.rotation.dtype == np.float64:
         return _kinematics_of_frames(pose)
     xp = array_namespace(pose.rotation)
     joint_levels = []
@@ -65,17 +64,16 @@ def forward_kinematics(pose: Pose, rest_offset: Array | None = None) -> tuple[Ar
     return pose.root_position[..., None, :] + xp.matmul(path, bone), rotation
 
 
-def _has_many_frames(rotation: np.ndarray) -> bool:
-    """Whether rotations are (T, J, 4) of so many frames that blocks are faster."""
-    return rotation.ndim == 3 and len(rotation) >= _MANY and rotation.dtype == np.float64
-
-
 def _kinematics_of_frames(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (T, P, 3) and rotations (T, J, 4) of many frames, in blocks that stay in the cache.
+    """Return positions (..., P, 3) and rotations (..., J, 4) of frames, in blocks that stay in the cache.
 
-    Components come first and frames last, so that each operation runs over frames.
+    Components come first and frames last, so that each operation runs over frames. A frame's result does not depend on
+    the frames beside it.
     """
-    skeleton, frames = pose.skeleton, len(pose.rotation)
+    skeleton, shape = pose.skeleton, pose.rotation.shape[:-2]
+    given = pose.rotation.reshape(-1, *pose.rotation.shape[-2:])
+    root = np.broadcast_to(pose.root_position, (*shape, 3)).reshape(-1, 3)
+    frames = len(given)
     position = np.empty((frames, len(skeleton.points), 3))
     rotation = np.empty((frames, len(skeleton.joints), 4))
     carriers, bones = list(skeleton.parents[1:]), skeleton.rest_offset[1:].T[:, :, None]
@@ -84,7 +82,7 @@ def _kinematics_of_frames(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     site_parents = [skeleton.parents[site] for site in sites]
     for start in range(0, frames, _BLOCK):
         block = slice(start, start + _BLOCK)
-        local = np.ascontiguousarray(pose.rotation[block].transpose(2, 1, 0))  # (4, J, N)
+        local = np.ascontiguousarray(given[block].transpose(2, 1, 0))  # (4, J, N)
         world = local.copy()
         for joints, above in levels:
             world[:, joints] = _product(world[:, above], local[:, joints])
@@ -94,11 +92,11 @@ def _kinematics_of_frames(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
         twice = [2 * (axis[i] * bones[j] - axis[j] * bones[i]) for i, j in _CYCLE]
         for k, (i, j) in enumerate(_CYCLE):
             place[k, 1:] = bones[k] + w * twice[k] + axis[i] * twice[j] - axis[j] * twice[i]
-        place[:, 0] = pose.root_position[block].T
+        place[:, 0] = root[block].T
         for points, above in (*levels, (sites, site_parents)):
             place[:, points] += place[:, above]
         position[block] = place.transpose(2, 1, 0)
-    return position, rotation
+    return position.reshape(*shape, *position.shape[1:]), rotation.reshape(*shape, *rotation.shape[1:])
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:

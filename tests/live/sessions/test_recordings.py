@@ -313,7 +313,7 @@ def test_a_killed_server_leaves_what_was_recorded(tmp_path: Path) -> None:
     """A real process, ended by SIGKILL while it writes."""
     code = (
         "import os, signal, sys\n"
-        "from tests.live.test_recordings import answers, recorder_in\n"
+        "from tests.live.sessions.test_recordings import answers, recorder_in\n"
         "from pathlib import Path\n"
         "one = recorder_in(Path(sys.argv[1]))\n"
         "one.open()\n"
