@@ -27,7 +27,8 @@ static float turned_away(const foot_state *s, carrier body) {
 
 void strain_foot(foot_state *s, carrier body, float contact, float interval) {
     float off = length(s->slide), sure = clamp((contact - STEP_LOOSE) / (STEP_SURE - STEP_LOOSE), 0.0F, 1.0F);
-    float apart = fminf(off, carried(s, body, scale(unit(s->slide), -1.0F)));
+    float confirmed = carried(s, body, scale(unit(s->slide), -1.0F)) - STEP_SWAY;
+    float apart = fminf(off, fmaxf(confirmed, 0.0F));
     float twisted = STEP_RADIUS * fminf(fabsf(s->turn), turned_away(s, body));
     float least = STEP_LEAST + (STEP_LEAST_SURE - STEP_LEAST) * sure;
     s->strain = fmaxf(s->strain + interval * (sqrtf(apart * apart + twisted * twisted) - least), 0.0F);
@@ -36,13 +37,15 @@ void strain_foot(foot_state *s, carrier body, float contact, float interval) {
 void begin_step(foot_state state[2]) {
     foot_state *s = &state[state[1].strain > state[0].strain], *other = &state[s == state];
     if (steps(&state[0]) || steps(&state[1]) || s->strain < STEP_STRAIN || other->held == 0) return;
-    s->step = (foot_step){.from = s->slide, .turned = s->turn, .span = fmaxf(STEP_SPAN, (length(s->slide) + STEP_TOE * fabsf(s->turn)) / STEP_SPEED)};
+    float way = length(s->slide) + STEP_TOE * fabsf(s->turn);
+    s->step = (foot_step){.from = s->slide, .turned = s->turn, .span = fmaxf(STEP_SPAN, way / STEP_SPEED)};
     s->strain = 0.0F;
 }
 
 float advance_step(foot_state *s, float interval) {
     s->step.age += interval;
-    float u = fminf(s->step.age / s->step.span, 1.0F), v = clamp((u - STEP_RISE) / (1.0F - 1.5F * STEP_RISE), 0.0F, 1.0F);
+    float u = fminf(s->step.age / s->step.span, 1.0F);
+    float v = clamp((u - STEP_RISE) / (1.0F - 1.5F * STEP_RISE), 0.0F, 1.0F);
     float left = 1.0F - v * v * (3.0F - 2.0F * v), up = 4.0F * u * (1.0F - u);
     s->slide = scale(s->step.from, left);
     s->turn = left * s->step.turned;
