@@ -23,7 +23,7 @@
 /* ---- feet that are held ------------------------------------------------------------------------------------------ */
 
 #define DRAG 0.04F       /* m; a foot that its leg drags farther slides along, while the other one moves */
-#define DRAG_STANDING 0.14F /* m; so far, if both feet stand: a foot steps before. 0.2: more jumps when it is released */
+#define DRAG_STANDING 0.13F /* m; so far, if both feet stand: a foot steps before. 0.14: knees bend backward */
 #define RETURN_SPEED 0.5F /* m/s; a released foot gives back what it was held by no faster. Without it: more jumps */
 #define MOST_TURN 0.35F  /* rad; a standing foot that is turned farther turns along. 0.6: rotations 1.5 % worse */
 #define TURN_LEAK 1.0F   /* s in which half of a standing foot's turn is given up. 6: rotations 1 % worse */

@@ -92,7 +92,10 @@ def read_headset_log(path: str | Path, rate: float | None = None, left_handed: b
 
 
 def _cells(line: str) -> list[str]:
-    return [cell.strip() for cell in next(csv.reader([line], delimiter=_delimiter(line)), [])]
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=_delimiter(line)), [])]
+    except csv.Error:  # a return inside a line, or a cell of over 128 kB
+        return []
 
 
 def _delimiter(line: str) -> str:
