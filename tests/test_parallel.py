@@ -75,7 +75,7 @@ def _runs(process: int) -> bool:
 
 
 def test_every_pool_ends_with_its_parent() -> None:
-    packages = [Path(package.__file__).parent for package in (bodysense, bodysense_lab)]
+    packages = [Path(str(package.__file__)).parent for package in (bodysense, bodysense_lab)]
     files = [path.name for package in packages for path in package.rglob("*.py") if "ProcessPool" in path.read_text()]
     assert files == ["parallel.py"]
 

@@ -359,9 +359,9 @@ def test_a_long_file_is_read_whole_by_any_of_its_counts(tmp_path: Path, paramete
 def test_frames_that_a_file_does_not_announce_are_a_warning(tmp_path: Path) -> None:
     raw = read_raw(long_c3d(tmp_path / "long.c3d", {}))
     assert len(raw.position) == 65535
-    assert re.search(
-        r"65535 frames are announced and read, but the file has data of 700\d\d; .*LONG_FRAMES", *raw.warnings
-    )
+    (warning,) = raw.warnings
+    announced = r"65535 frames are announced and read, but the file has data of 700\d\d; .*LONG_FRAMES"
+    assert re.search(announced, warning)
 
 
 def long_c3d(path: Path, parameters: dict[str, dict[str, list[float]]]) -> Path:

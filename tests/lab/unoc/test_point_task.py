@@ -15,6 +15,7 @@ from split_people import write_people
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense_lab.core.fit import Progress, Report, fit
+from bodysense_lab.data.clips import clips_of
 from bodysense_lab.papers.unoc.network.point_network import (
     FINGERS,
     UPPER_BODY,
@@ -130,7 +131,8 @@ def test_a_whole_run(waving_clip: Clip, tmp_path: Path) -> None:
     """From files to a network that loads; one person of each split."""
     clip, out = replace(waving_clip, pose=waving_clip.pose[:12]), tmp_path / "net.onnx"
     data = write_people(tmp_path / "data", {"train": [clip], "val": [clip]})
-    run_points(FingersTraining(data=data, out=out, steps=2, threads=1, licence="CC0-1.0", data_note="waving"))
+    run = FingersTraining(data=data, out=out, steps=2, threads=1, licence="CC0-1.0", data_note="waving")
+    run_points(run, clips_of(run))
     card = load_point_model("fingers", out).card
     assert (card["licence"], card["training_data"], card["form"]) == ("CC0-1.0", "waving", "shipped")
     rows = [json.loads(line) for line in out.with_suffix(".jsonl").read_text().splitlines()]
