@@ -83,7 +83,8 @@ def test_a_demo_from_the_address_of_a_repository(
 
 
 def test_the_readme_begins_with_uvx_and_then_a_shallow_clone(repository: str, tmp_path: Path) -> None:
-    commands = re.findall(r"^(?:uvx|pip|git|bodysense) .*$", (ROOT / "README.md").read_text(), re.MULTILINE)
+    blocks = re.findall(r"^```(?:sh)?\n(.*?)^```", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)
+    commands = "".join(blocks).splitlines()
     assert commands[0].startswith("uvx --from git+$REPOSITORY")
     assert commands[1].startswith("git clone --depth 1 $REPOSITORY")
     words = [word.replace("$REPOSITORY", repository) for word in shlex.split(commands[1])]
