@@ -6,7 +6,6 @@ Protocol documentation, Qualisys AB. Positions are in millimetres; the upward ax
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Sequence
 from xml.etree import ElementTree
 
@@ -15,16 +14,18 @@ import numpy as np
 from bodysense.io.markers.raw_markers import Up
 from bodysense_live.protocols.markers.stream_frame import (
     LARGEST,
+    PACKET_HEAD,
     MarkerServerError,
     PacketReader,
     Received,
     StreamFrame,
     rotations_of,
+    split_packets,
 )
 
 PORT = 22223  # TCP, little-endian
 VERSION = "1.19"
-HEAD = struct.Struct("<II")  # size with these bytes, type
+HEAD = PACKET_HEAD  # size with these bytes, type
 ERROR, COMMAND, XML, DATA, NO_MORE_DATA, EVENT = 0, 1, 2, 3, 4, 6  # types of packets
 POSITIONS, UNNAMED, BODIES = 1, 2, 5  # types of components: 3D, 3DNoLabels, 6D
 SETTINGS_CHANGED = 11  # an event
@@ -33,6 +34,15 @@ _PARAMETERS = "GetParameters 3D 6D"
 _STREAM = "StreamFrames AllFrames 3D 3DNoLabels 6D"
 _UNNAMED = np.dtype([("position", "<f4", (3,)), ("id", "<i4")])
 _BODY = np.dtype([("position", "<f4", (3,)), ("matrix", "<f4", (9,))])
+
+
+def _packet_size(size: int, _: int) -> int:
+    """Return the size of a packet. Raises MarkerServerError for other protocols."""
+    if not HEAD.size <= size <= LARGEST:
+        raise MarkerServerError(
+            f"not QTM's protocol: a packet of {size} bytes; port {PORT} is that of little-endian clients"
+        )
+    return size
 
 
 class QtmConversation:
@@ -52,18 +62,12 @@ class QtmConversation:
 
     def receive(self, data: bytes) -> Received:
         """Take received bytes. Raises MarkerServerError for an old QTM, and for other servers."""
-        self._unread += data
+        packets, self._unread = split_packets(self._unread + data, _packet_size)
         frames: list[StreamFrame] = []
         replies: list[bytes] = []
-        while len(self._unread) >= HEAD.size:
-            size, kind = HEAD.unpack_from(self._unread)
-            if not HEAD.size <= size <= LARGEST:
-                raise MarkerServerError(
-                    f"not QTM's protocol: a packet of {size} bytes; port {PORT} is that of little-endian clients"
-                )
-            if len(self._unread) < size:
-                break
-            packet, self._unread = self._unread[HEAD.size : size], self._unread[size:]
+        for whole in packets:
+            _, kind = HEAD.unpack_from(whole)
+            packet = whole[HEAD.size :]
             if kind == DATA:
                 frame = self._frame(PacketReader(packet), replies)
                 frames += [] if frame is None else [frame]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -14,6 +14,7 @@ from bodysense.geometry.rotation import matrix_to_quaternion
 from bodysense.io.markers.raw_markers import AXES, RawMarkers, Unit, Up
 
 LARGEST = 1 << 24  # bytes of a packet
+PACKET_HEAD = struct.Struct("<II")  # of packets by TCP
 _ORTHOGONAL = 0.01  # largest deviation of a rotation's columns from orthogonal unit vectors
 MOST_ITEMS = 10_000  # markers or bodies in a packet; no system tracks as many
 
@@ -86,6 +87,22 @@ class Conversation(Protocol):
     def receive(self, data: bytes) -> Received:
         """Take received bytes. Raises MarkerServerError, with the fix."""
         ...
+
+
+def split_packets(unread: bytes, size_of: Callable[[int, int], int]) -> tuple[list[bytes], bytes]:
+    """Return the whole packets at the beginning of bytes, with their heads, and the bytes of an incomplete one.
+
+    A packet begins with two numbers (32 bits each, little-endian), of which `size_of` finds its size in bytes.
+    """
+    packets: list[bytes] = []
+    start = 0
+    while len(unread) >= start + PACKET_HEAD.size:
+        size = size_of(*PACKET_HEAD.unpack_from(unread, start))
+        if len(unread) < start + size:
+            break
+        packets.append(unread[start : start + size])
+        start += size
+    return packets, unread[start:]
 
 
 class PacketReader:

@@ -17,15 +17,17 @@ import numpy as np
 from bodysense.io.markers.raw_markers import Up
 from bodysense_live.protocols.markers.stream_frame import (
     LARGEST,
+    PACKET_HEAD,
     MarkerServerError,
     PacketReader,
     Received,
     StreamFrame,
     rotations_of,
+    split_packets,
 )
 
 PORT = 801  # TCP
-HEAD = struct.Struct("<II")  # type, length of the content
+HEAD = PACKET_HEAD  # type, length of the content
 OBJECTS = 0x1A2B0001  # the type of a packet
 # Types of objects.
 OBJECT_ENUMS, REQUEST_FRAME, CONTENTS = 100001, 100002, 100004
@@ -60,6 +62,13 @@ class _Subject:
         return markers or segments
 
 
+def _packet_size(kind: int, length: int) -> int:
+    """Return the size of a packet. Raises MarkerServerError for other protocols."""
+    if kind != OBJECTS or length > LARGEST:
+        raise MarkerServerError(f"not Vicon's DataStream; port {PORT} is that of Nexus, Tracker and Shogun")
+    return HEAD.size + length
+
+
 class ViconConversation:
     """A conversation with a Vicon DataStream server (`Conversation`)."""
 
@@ -77,18 +86,11 @@ class ViconConversation:
 
     def receive(self, data: bytes) -> Received:
         """Take received bytes. Raises MarkerServerError for other servers."""
-        self._unread += data
+        packets, self._unread = split_packets(self._unread + data, _packet_size)
         frames: list[StreamFrame] = []
         replies: list[bytes] = []
-        while len(self._unread) >= HEAD.size:
-            kind, size = HEAD.unpack_from(self._unread)
-            if kind != OBJECTS or size > LARGEST:
-                raise MarkerServerError(f"not Vicon's DataStream; port {PORT} is that of Nexus, Tracker and Shogun")
-            if len(self._unread) < HEAD.size + size:
-                break
-            packet = PacketReader(self._unread, HEAD.size, HEAD.size + size)
-            self._unread = self._unread[HEAD.size + size :]
-            self._read(packet, frames, replies)
+        for packet in packets:
+            self._read(PacketReader(packet, HEAD.size, len(packet)), frames, replies)
         return Received(frames, replies)
 
     def _read(self, packet: PacketReader, frames: list[StreamFrame], replies: list[bytes]) -> None:
