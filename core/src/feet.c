@@ -42,7 +42,7 @@ static int holding(const foot *f, int before) {
     return f->ankle_contact > f->ball_contact + 1e-5F ? 1 : 2;
 }
 
-/* What remains of how far a foot was held back, after a frame in which it is not. */
+/* The rest of the offset of a foot that is no longer held, after a frame. */
 static vec3 given_back(vec3 slide, float fade, float interval) {
     float size = length(slide);
     return size > 0.0F ? scale(slide, fmaxf(fade, 1.0F - RETURN_SPEED * interval / size)) : slide;
@@ -107,7 +107,7 @@ void hold_feet(const foot foot[2], carrier body, float floor, float interval, fl
             drop = too_high(at.y, rest_height(f, part[k]), floor, sole);
             drop *= clamp((contact - RELEASE) / (SURE - RELEASE), 0.0F, 1.0F);
         } else s->strain = 0.0F;
-        if (hovering > 0.0F) drop = fmaxf(drop, upright * hovering); /* nobody who stands hovers with both feet */
+        if (hovering > 0.0F) drop = fmaxf(drop, upright * hovering); /* a standing body has a foot on the floor */
         if (!f->seen) drop = fmaxf(drop, f->kneels * fmaxf(height_over(f, floor, sole), 0.0F));
         bool rests = (f->ankle_contact >= (s->stood > 0.0F ? FLAT_UNTIL : HOLD) || stepping) && !f->seen;
         s->stood = rests ? s->stood + interval : 0.0F;

@@ -14,7 +14,7 @@ static const float SEATED = 0.76F;     /* of it: a higher head stands, or sits o
 static const float STRETCHED = 0.92F;  /* of it: a body lands from a jump with a head that is higher */
 static const float KNEELS = 0.12F, MAY_STAND = 0.2F; /* m over the floor: a knee below lies there with its shin, one above may carry */
 static const float STEEP = 0.1F; /* of a shin's length along the floor: a steeper one is laid backward */
-static const float LOW_PELVIS = 0.75F, BOWS = 0.85F; /* of a standing pelvis's height: whoever bows keeps it higher, whoever sits lower */
+static const float LOW_PELVIS = 0.75F, BOWS = 0.85F; /* of a standing pelvis's height: bowing people keep it higher, sitting people lower */
 static const float STEADY = 0.7F;      /* m/s: a head that moves faster up or down belongs to a body that jumps */
 static const float FALLING = 2.0F;     /* m/s, of a head that goes down below that: a slower one sits down or crouches */
 

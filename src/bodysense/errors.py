@@ -60,7 +60,7 @@ def unknown_name(name: str, names: Collection[str]) -> str:
 
 
 def did_you_mean(name: str, names: Collection[str]) -> str:
-    """Return a question with the nearest valid names; an empty text if none is near."""
+    """Return a question with the nearest valid names, or an empty text."""
     plain = {_plain(valid): valid for valid in reversed(tuple(names))}
     asked = _plain(name)
     near = [plain[one] for one in ([asked] if asked in plain else difflib.get_close_matches(asked, plain, 2, 0.8))]

@@ -242,7 +242,7 @@ def test_a_printed_command_ends_in_a_body(
 
 
 def follow(said: str, words: Words, clip: Clip) -> None:
-    """Run the command of a message as it is printed, and then the first command on its result if it made a file."""
+    """Run the command that a message prints, and the first command on its result if it wrote a file."""
     if shell := re.search(r"(python -c \"[^\"]+\"|gunzip [^;\n]+|iconv [^;\n]+)", said):
         before = set(Path().iterdir())
         line = re.sub(r"^python\b", f'"{sys.executable}"', shell[0])

@@ -208,7 +208,7 @@ def test_workflows_publish_without_passwords_and_run_what_there_is(path: Path) -
     assert "secrets." not in text
     trusted = {name for name, job in jobs.items() if "write" in job.get("permissions", {}).values()}
     assert trusted <= {"publish", "attest", "attach"}
-    for name in trusted:  # no code of the repository runs beside the right to publish
+    for name in trusted:  # a job that may publish runs no code of the repository
         assert not any("checkout" in step.get("uses", "") for step in jobs[name]["steps"])
     assert "publish" not in jobs or jobs["publish"]["environment"]
     for script in re.findall(r"scripts/\w+\.py", text):

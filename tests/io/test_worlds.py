@@ -1,4 +1,4 @@
-"""Who lies, crawls or stands on the hands in a BVH file stays so, and mirrored files are told, on every rig."""
+"""People who lie, crawl or stand on their hands in a BVH file stay so, and mirrored files are noticed, on every rig."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_a_mirrored_file_is_told_and_mended(name: str) -> None:
     assert not any("mirror" in line for line in right.clip.warnings)
     lines = []
     head, _, rows = write(layout, clip).partition("Frame Time:")
-    for line in head.splitlines():  # a left-handed program's numbers, written as they are
+    for line in head.splitlines():  # numbers of a left-handed program, unchanged
         words = line.split()
         lines.append(f"OFFSET {-float(words[1])} {words[2]} {words[3]}" if words[:1] == ["OFFSET"] else line)
     channels = [word for line in lines if "CHANNELS" in line for word in line.split()[2:]]

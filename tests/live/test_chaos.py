@@ -39,7 +39,7 @@ COUNT, SECONDS = 3, 3.0  # wearers; s of disturbance
 
 @dataclass
 class Chaos:
-    """What a test of one row may use."""
+    """Servers and clients of the test of one row."""
 
     server_of: Serving
     connect: Connecting

@@ -1,4 +1,4 @@
-"""The gate behind every reader: right motion passes, and each kind of spoilt motion is told from it."""
+"""Checks of every reader's motion: right motion passes, and each kind of damaged motion is found."""
 
 from __future__ import annotations
 

@@ -212,7 +212,7 @@ def test_a_long_gap_resets_motion_and_keeps_the_person() -> None:
 
 
 def test_memory_of_a_step_is_reused() -> None:
-    """The same bits, in the memory of the last step; a state that is not given as `out` is unchanged."""
+    """The result is bit-identical in reused memory, and a state that is not given as `out` is unchanged."""
     clip = packaged_performance()
     seen = observe(clip.pose, clip.time, SENSOR_SETS["three_point"])[:30]
     tracker = Tracker(Person(height=1.7))

@@ -212,7 +212,7 @@ export class App {
     const missing = await missingForHeadset();
     if (missing) throw new Error(missing);
     await this.headset.enter(mode);
-    this.notice.clear(); // what was said of an earlier session
+    this.notice.clear(); // notices of an earlier session
     this.begin(this.headset);
     this.enteredAt = Date.now();
     if (this.files.about.server) this.bridge.open(socketAddress({ href: this.base }));

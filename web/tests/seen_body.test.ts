@@ -14,7 +14,7 @@ const bytes = (path: string) => new Uint8Array(readFileSync(new URL(path, import
 const space = {} as XRReferenceSpace;
 const HANDS = ["wrist", "thumb", "index", "middle", "ring", "pinky"];
 
-/** The truth at a time: somebody who stands on the right leg and swings the left one, head and hands still. */
+/** The truth at a time: a person stands on the right leg and swings the left one, head and hands still. */
 function truth(time: number): Estimate {
   const rotation = Float64Array.from({ length: 4 * skeleton.joints }, (_, k) => (k % 4 === 0 ? 1 : 0));
   const turn = (name: string, q: Quaternion) => rotation.set(q, 4 * skeleton.points.indexOf(name));

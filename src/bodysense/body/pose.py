@@ -68,7 +68,7 @@ def _kinematics_of_frames(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     """Return positions (..., P, 3) and rotations (..., J, 4) of frames, in blocks that stay in the cache.
 
     Components come first and frames last, so that each operation runs over frames. A frame's result does not depend on
-    the frames beside it.
+    the number of frames.
     """
     skeleton, shape = pose.skeleton, pose.rotation.shape[:-2]
     given = pose.rotation.reshape(-1, *pose.rotation.shape[-2:])

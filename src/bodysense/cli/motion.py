@@ -113,8 +113,7 @@ def track(
 ) -> int:
     """Complete a recording, a video, a motion with holes, or one seen by a simulated device; write BVH, glTF or VRMA.
 
-    Of several files or a folder, each is completed by the same options into the folder -o; what is written already is
-    not done again.
+    Several files or a folder are completed with the same options into the folder -o. Files that are there are skipped.
 
     Args:
         file: recording (.npz, .jsonl), markers of a body or of gloves (.c3d, .csv, .trc, .tsv), video (a file, a folder
@@ -266,8 +265,7 @@ def convert(
 ) -> int:
     """Write a whole motion as another kind of file, on another rig, or at another rate.
 
-    Of several files or a folder, each is written by the same options into the folder -o; what is written already is
-    not done again.
+    Several files or a folder are written with the same options into the folder -o. Files that are there are skipped.
 
     Args:
         file: motion: .bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma. Also a folder of them.

@@ -127,7 +127,7 @@ def track_video(
 
 
 def _absence(presence: Presence) -> str:
-    """Return a line on times without a person; empty if there were none."""
+    """Return a line with the times without a person, or an empty text."""
     if not presence.absent:
         return ""
     spans = [f"{begin:.1f}-{end:.1f}" for begin, end in presence.absent[:_SPANS]]

@@ -269,7 +269,7 @@ def test_a_body_turns_at_a_bounded_speed_with_one_share() -> None:
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
 def test_a_body_that_sits_down_never_folds_over(seed: int) -> None:
-    """Of an unseen body whose legs come back into view while it sits down, no joint turns round."""
+    """No joint turns round when the legs of an unseen body come into view while it sits down."""
     performance = bs.demo.packaged_performance()
     skeleton = replace(performance.pose.skeleton, rest_offset=sample_bodies("test", 3, seed=5)[seed])
     clip = replace(performance, pose=transfer_motion(performance.pose, skeleton)[230:300])

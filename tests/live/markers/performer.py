@@ -1,4 +1,4 @@
-"""What the twins of marker servers see: a person in a marker set with two gloves, at any rate, for any time."""
+"""Input of the twins of marker servers: a person in a marker set with two gloves, at any rate and time."""
 
 from __future__ import annotations
 

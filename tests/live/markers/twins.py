@@ -219,7 +219,7 @@ class QtmTwin(StreamTwin):
             (2, struct.pack("<Ihh", len(unnamed), 0, 0)
              + b"".join(struct.pack("<3fI", *row, 1000 + k) for k, row in enumerate(unnamed))),
             (5, struct.pack("<Ihh", len(self.bodies), 0, 0) + body),
-            (17, struct.pack("<I", 0)),  # a component that nobody asked for
+            (17, struct.pack("<I", 0)),  # a component that was not requested
         ]  # fmt: skip
         content = struct.pack("<QII", round(frame * 1e6 / self.capture.rate), frame, len(parts))
         content += b"".join(struct.pack("<II", 8 + len(part), kind) + part for kind, part in parts)

@@ -1,4 +1,4 @@
-"""Supervision: a server that answers nobody says so, and ends; one session's failure is its own."""
+"""Supervision: a server without answers reports it and ends, and a failing session does not stop others."""
 
 from __future__ import annotations
 

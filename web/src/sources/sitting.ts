@@ -36,7 +36,7 @@ const UP: Vector = [0, 1, 0];
 const within = (value: number, [least, most]: readonly [number, number]): number =>
   Math.min(Math.max(value, least), most);
 
-/** What the frames so far tell about the posture. */
+/** Evidence of the posture in the frames so far. */
 export class Sitting {
   isSeated = true; // people whose legs were never seen sit at a desk
   private cues: number | null = null;

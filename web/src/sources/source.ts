@@ -4,7 +4,7 @@ export interface Source {
   readonly title: string; // for the person
   readonly guide?: string | undefined; // instruction for the user, one line
   readonly isYou?: boolean; // tracks the user of this page, so measuring is possible
-  readonly isAbsent?: boolean; // nobody is tracked now, so no body is drawn
+  readonly isAbsent?: boolean; // no person is tracked now, so no body is drawn
   readonly sensors: readonly string[]; // points that it tracks, if known
   /** Once a picture, at `milliseconds` of the page's clock. */
   frame?(milliseconds: number, frame?: XRFrame): void;

@@ -1,4 +1,4 @@
-/** What a wearer has in hand in VR: joints of tracked hands, controllers, and the rays that point at the menu. */
+/** A wearer's hands in VR: joints of tracked hands, controllers, and the rays that point at the menu. */
 
 import {
   BufferGeometry,

@@ -1,4 +1,4 @@
-/** A box under a body that sits: nobody sits on air. */
+/** A box under a seated body. */
 
 import { Group, Mesh, MeshStandardMaterial } from "three";
 import { RoundedBoxGeometry } from "three/addons/geometries/RoundedBoxGeometry.js";
@@ -8,7 +8,7 @@ const LOWERED = 0.87; // of the pelvis's standing height: higher ones stand
 const LEAST = 0.15; // m, height of a seat: lower ones sit on the floor
 const BEHIND = 0.2; // m from the feet's middle to the pelvis: nearer ones are carried by the feet, as in a squat
 const BELOW = 0.095; // m from the hips down to the seat
-const FLOORED = 0.25; // m: a higher foot is not on the floor, and nobody sits between steps
+const FLOORED = 0.25; // m: a higher foot is not on the floor: the body steps
 const SETTLED = 0.4; // s of sitting before the box is there
 const MOVED = 0.15; // m by which the hips leave their place before the box follows
 const SIZE = 0.42; // m, width and depth

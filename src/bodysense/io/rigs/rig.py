@@ -358,7 +358,7 @@ def _find_floor(place: _Places, size: float, up: UpAxis) -> float:
         return 0.0 if low * size < pelvis < high * size else pelvis - size * body.rest_offset[0, 1] / body.height
     leg = _bone(place, "left_hip", "left_knee") + _bone(place, "left_knee", "left_ankle")
     soles = [height[name] - _SOLE[part] * leg for name in place if (part := name.partition("_")[2]) in _SOLE]
-    # Who lies, crawls or stands on the hands rests on other joints.
+    # People who lie, crawl or stand on their hands rest on other joints.
     others = [name for name in place if name in BODY and name.partition("_")[2] not in _SOLE]
     resting = clearance_of(others) * size / _USUAL_HEIGHT
     lowest = [*soles, *(height[name] - over for name, over in zip(others, resting, strict=True))]

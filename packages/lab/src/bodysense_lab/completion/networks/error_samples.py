@@ -1,4 +1,4 @@
-"""Samples of a tracker's true errors beside what it expects: recorded people, random signals, scripted scenes.
+"""Samples of true and expected errors of the tracker: recorded people, random signals, scripted scenes.
 
 Bounds must hold for people, signals and scenes that were not in training. Each source therefore has a share of the
 samples, however many frames it has.
@@ -45,7 +45,7 @@ from bodysense_lab.synthesis.scenes import KINDS, sequence
 
 # Shares of the samples: usual sensors and random signals on recorded people, and both on scripted scenes.
 SHARES = {"usual": 0.5, "signals": 0.25, "scenes": 0.25}
-_EDGES, _SIGNALS = 12, 36  # random sets beside the usual ones: of the lattice of sensors, and of any kind
+_EDGES, _SIGNALS = 12, 36  # random sets besides the usual ones: from the lattice of sensors, and of any kind
 _SCENES, _SECONDS = 3, 9.0  # scripted scenes of each kind, and their duration, s
 _SCENE_SIGNALS = 12  # random signals on scripted scenes
 _STRIDE = 4  # frames between samples; neighbouring frames are alike
@@ -106,7 +106,7 @@ def sample_errors(scenes: SampledScenes, model: CompletionModel, seed: int = 5) 
 
 
 def _jobs(scenes: SampledScenes, rng: np.random.Generator) -> Iterator[_Job]:
-    """Yield what is tracked: all of the usual sensors with every body, and each random signal with one of each."""
+    """Yield batches to track: all with the usual sensors and every body, one of each source with each random signal."""
     bodies: Sequence[Body] = BODIES
     usual: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in bodies]
     for sensors, body in usual:
