@@ -113,7 +113,8 @@ def track(
 ) -> int:
     """Complete a recording, a video, a motion with holes, or one seen by a simulated device; write BVH, glTF or VRMA.
 
-    Several files or a folder are completed with the same options into the folder -o. Files that are there are skipped.
+    Several files or a folder are completed with the same options into the folder -o; a later run does only what
+    is left.
 
     Args:
         file: recording (.npz, .jsonl), markers of a body or of gloves (.c3d, .csv, .trc, .tsv), video (a file, a folder
@@ -265,7 +266,8 @@ def convert(
 ) -> int:
     """Write a whole motion as another kind of file, on another rig, or at another rate.
 
-    Several files or a folder are written with the same options into the folder -o. Files that are there are skipped.
+    Several files or a folder are written with the same options into the folder -o; a later run does only what
+    is left.
 
     Args:
         file: motion: .bvh, .fbx, AMASS or SMPL .npz, .npy, .glb, .gltf, .vrma. Also a folder of them.
