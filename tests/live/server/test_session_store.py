@@ -220,6 +220,7 @@ def test_a_server_starts_while_its_store_is_away(capfd: pytest.CaptureFixture[st
 def test_a_server_that_started_without_its_store_shares_sessions_once_it_answers(
     server_of: Serving, connect: Connecting
 ) -> None:
+    pytest.importorskip("redis", reason="needs packages/live[shared]")
     port = free_port()
     address = f"redis://:pw@127.0.0.1:{port}"
     one, other = (server_of(ServerSettings(shared=check_store(address))) for _ in range(2))
