@@ -32,7 +32,7 @@ from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.geometry.rotation import quaternion_to_matrix
 
 ROOT = Path(__file__).parents[2]
-SHIMS = ROOT / "tests" / "core" / "engine_shims" / "unity.cs"
+SHIMS = ROOT / "tests" / "extras" / "engine_shims" / "unity.cs"
 # Some of the licences that Blender's platform takes.
 LICENCES = {"GPL-2.0-or-later", "GPL-3.0-or-later", "LGPL-2.1-or-later", "LGPL-3.0-or-later", "MIT", "MIT-0"}
 pytestmark = pytest.mark.slow
