@@ -73,24 +73,24 @@ def lag_of(name: str, seconds: float, rate: float = 100.0) -> Lag:
     from websockets.typing import Subprotocol
 
     late: list[float] = []
-    with twin_process(name, rate) as (port, start):
-        with (
-            running_server("--markers", f"{name}://127.0.0.1:{port}") as (address, _),
-            connect(_websocket(address), subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None) as client,
-        ):
-            client.send(write_message(Hello(1, watch="markers")))
-            begun, frame, points, body = time.monotonic(), 0, 0, 0
-            while time.monotonic() - begun < seconds + _SETTLING:
-                received = client.recv(timeout=20)
-                now = time.monotonic()
-                if isinstance(received, str):
-                    message = json.loads(received)
-                    if message["type"] == "welcome":
-                        points, body = len(message["signal"]), len(message["points"])
-                elif received[0] == SIGNAL and now - begun > _SETTLING:
-                    frame = round(read_signal(received, points).time * rate)
-                elif received[0] == POSE and frame and (read_pose(received, body).hidden < 0.5).sum() > 20:
-                    late.append((now - start) * rate - frame)
+    with (
+        twin_process(name, rate) as (port, start),
+        running_server("--markers", f"{name}://127.0.0.1:{port}") as (address, _),
+        connect(_websocket(address), subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None) as client,
+    ):
+        client.send(write_message(Hello(1, watch="markers")))
+        begun, frame, points, body = time.monotonic(), 0, 0, 0
+        while time.monotonic() - begun < seconds + _SETTLING:
+            received = client.recv(timeout=20)
+            now = time.monotonic()
+            if isinstance(received, str):
+                message = json.loads(received)
+                if message["type"] == "welcome":
+                    points, body = len(message["signal"]), len(message["points"])
+            elif received[0] == SIGNAL and now - begun > _SETTLING:
+                frame = round(read_signal(received, points).time * rate)
+            elif received[0] == POSE and frame and (read_pose(received, body).hidden < 0.5).sum() > 20:
+                late.append((now - start) * rate - frame)
     sent = round(seconds * rate)
     median, high = (float(value) for value in np.percentile(late, (50, 99)))
     return Lag(sent, len(late), median, high, max(late))
