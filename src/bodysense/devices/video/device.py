@@ -1,8 +1,8 @@
 """Video device: a person's landmarks in, points of their body in the room out.
 
 Head, shoulders and legs follow the landmarks' directions with the wearer's own bone lengths (`landmark_points`). A
-network gives rotations of arms and hands; arms are aligned with their lines in the picture (`arm_geometry.lines`). Unseen parts
-are not observed, and the tracker completes them.
+network gives rotations of arms and hands; arms are aligned with their lines in the picture (`arm_geometry.lines`).
+Unseen parts are not observed, and the tracker completes them.
 
 The room's axes are the camera's without its tilt and roll, which are learned from the standing person (`camera_level`).
 z is 0 at the start, and the lowest point of the legs is on the floor.
