@@ -19,7 +19,13 @@ from hypothesis import strategies as st
 from bodysense.geometry.rotation import quaternion_rotate
 from bodysense_lab.serving import solarxr_client as client
 from bodysense_live.protocols.solarxr.driver_input import DriverReader, DriverState
-from bodysense_live.protocols.solarxr.driver_messages import BONE_IDS, Mask, SkeletonUpdates, is_hello, read_requests
+from bodysense_live.protocols.solarxr.driver_messages import (
+    BONE_IDS,
+    BoneParts,
+    SkeletonUpdates,
+    is_hello,
+    read_requests,
+)
 from bodysense_live.protocols.solarxr.solarxr_body import BONES, body_frame, body_layout
 from bodysense_live.protocols.solarxr.solarxr_link import RPC, SolarxrSettings
 from bodysense_live.server.settings import ServerSettings
@@ -40,7 +46,7 @@ def bones_of(packet: bytes) -> dict[int, client.Row]:
 @pytest.mark.parametrize("facing", [0.0, np.pi, 1.0])
 def test_bones_match_the_body(facing: float) -> None:
     places, turns = standing(facing)
-    updates = SkeletonUpdates(LAYOUT, Mask(True, True, True, True, True))
+    updates = SkeletonUpdates(LAYOUT, BoneParts(True, True, True, True, True))
     rows = bones_of(updates.packet(body_frame(places, turns, EYES)))
     assert sorted(rows) == list(range(1, 22))
     for bone in BONES:
@@ -57,7 +63,7 @@ def test_bones_match_the_body(facing: float) -> None:
 
 
 def test_a_rest_pose_has_identity_rotations_and_feet_that_point_forward() -> None:
-    rows = bones_of(SkeletonUpdates(LAYOUT, Mask(rotation=True, orientation=True)).packet(
+    rows = bones_of(SkeletonUpdates(LAYOUT, BoneParts(rotation=True, orientation=True)).packet(
         body_frame(*standing(np.pi), EYES)
     ))  # fmt: skip
     for name in ("left_foot", "right_foot", "left_lower_leg", "right_upper_leg", "upper_waist"):
@@ -71,7 +77,7 @@ def test_a_rest_pose_has_identity_rotations_and_feet_that_point_forward() -> Non
 
 
 def test_a_mask_without_a_body_leaves_ids_and_lengths() -> None:
-    rows = bones_of(SkeletonUpdates(LAYOUT, Mask(length=True, start=True)).without_body)
+    rows = bones_of(SkeletonUpdates(LAYOUT, BoneParts(length=True, start=True)).without_body)
     assert len(rows) == 21 and all(row.value(1, "f") > 0 and row.at(4) is None for row in rows.values())
 
 
@@ -138,7 +144,7 @@ def test_drivers_register_by_name(name: str | None, status: int) -> None:
     state = answers(reader, configured(reader), client.register(name, (1,), 41))
     kind, content, reply_to = client.driver_answer(state.replies[0])
     assert (kind, content.value(0, "B"), reply_to) == (client.REGISTERED, status, 41)
-    assert state.mask == (Mask(rotation=True) if status == 0 else None)
+    assert state.mask == (BoneParts(rotation=True) if status == 0 else None)
 
 
 def test_a_headset_and_controllers_are_read() -> None:

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 from bodysense_live.protocols.driver_axes import from_driver_rotation
 from bodysense_live.protocols.solarxr import driver_messages as messages
-from bodysense_live.protocols.solarxr.driver_messages import BONE_IDS, VERSION, Mask, Request, read_requests
+from bodysense_live.protocols.solarxr.driver_messages import BONE_IDS, VERSION, BoneParts, Request, read_requests
 from bodysense_live.protocols.solarxr.generated.driver_generated import (
     AddTrackerStatus,
     RegistrationStatus,
@@ -37,7 +37,7 @@ _DEVICES = {  # id of a bone → kind and serial of a tracker on it
 
 
 @dataclass(frozen=True)
-class Tracker:
+class DriverTracker:
     """A tracker that a driver has added."""
 
     identity: str  # of the hardware
@@ -53,8 +53,8 @@ class DriverState:
     greeted: bool = False
     configured: bool = False
     name: str = ""  # of the registered driver; empty without registration
-    mask: Mask | None = None  # parts of bones that the driver requests; None: no updates
-    trackers: tuple[Tracker, ...] = ()  # the first has id 1
+    mask: BoneParts | None = None  # parts of bones that the driver requests; None: no updates
+    trackers: tuple[DriverTracker, ...] = ()  # the first has id 1
     devices: DeviceState = DeviceState()
     replies: tuple[bytes, ...] = ()
     closes: bool = False  # the connection ends after the replies
@@ -140,7 +140,7 @@ def _add(request: Request, state: DriverState) -> DriverState:
     elif state.name and request.name and len(known) < MOST_DEVICES:
         kind, serial = _DEVICES.get(request.bone, ("Tra", request.name))
         status, number = AddTrackerStatus.CREATED, len(known) + 1
-        state = replace(state, trackers=(*state.trackers, Tracker(request.name, kind, serial)))
+        state = replace(state, trackers=(*state.trackers, DriverTracker(request.name, kind, serial)))
     return _replied(state, messages.tracker_response(status, number, request.number))
 
 

@@ -55,7 +55,7 @@ _FROM_BONE = quaternion_conjugate(TO_BONE)[_ORDER]  # (21, 4) wxyz
 
 
 @dataclass(frozen=True)
-class Mask:
+class BoneParts:
     """The parts of bones that a driver requests."""
 
     length: bool = False
@@ -73,7 +73,7 @@ class Request:
     number: int = 0  # of the request, 0 without one
     version: int = 0
     name: str = ""  # of the driver, or the identifier of a tracker's hardware
-    mask: Mask | None = None
+    mask: BoneParts | None = None
     bone: int = 0
     tracker: int = 0
     status: int = 0
@@ -126,7 +126,9 @@ def _read_registration(content: Any) -> Request:
     mask = message.BoneMask()
     parts = None
     if mask is not None:
-        parts = Mask(mask.BoneLength(), mask.Rotation(), mask.Orientation(), mask.HeadPosition(), mask.TailPosition())
+        parts = BoneParts(
+            mask.BoneLength(), mask.Rotation(), mask.Orientation(), mask.HeadPosition(), mask.TailPosition()
+        )
     return Request("register", name=_text(message.DriverName()), mask=parts)
 
 
@@ -239,10 +241,10 @@ def tracker_response(status: int, tracker: int, reply_to: int) -> bytes:
 class SkeletonUpdates:
     """Updates of a body's bones for drivers. The message is built once; each update replaces its numbers."""
 
-    def __init__(self, layout: BodyLayout, mask: Mask) -> None:
+    def __init__(self, layout: BodyLayout, mask: BoneParts) -> None:
         self._lengths, self._mask = np.array([length for _, length in layout.bones])[_ORDER], mask
         lengths = self._lengths if mask.length else None
-        self.without_body = _skeleton(Mask(), lengths)
+        self.without_body = _skeleton(BoneParts(), lengths)
         self._whole = _skeleton(mask, lengths)
         (message,) = entries(schema.MessageBundle.GetRootAs(self._whole).DriverMsgs, 1)
         update = of_kind(schema.SkeletonUpdate, message.Message())
@@ -270,7 +272,7 @@ class SkeletonUpdates:
 _DOWN = (0.0, -1.0, 0.0)
 
 
-def _skeleton(mask: Mask, lengths: np.ndarray | None) -> bytes:
+def _skeleton(mask: BoneParts, lengths: np.ndarray | None) -> bytes:
     """Return an update of all bones with numbers of zero in the parts of a mask."""
     builder, rows = flatbuffers.Builder(4096), list[int]()
     for k, identity in enumerate(BONE_IDS.values()):

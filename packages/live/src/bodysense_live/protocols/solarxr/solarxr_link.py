@@ -28,7 +28,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import SignalFrame
 from bodysense_live.protocols.links import LOST, DeviceInput, listen_tcp
 from bodysense_live.protocols.solarxr.driver_input import DriverReader
-from bodysense_live.protocols.solarxr.driver_messages import Mask, SkeletonUpdates, is_hello
+from bodysense_live.protocols.solarxr.driver_messages import BoneParts, SkeletonUpdates, is_hello
 from bodysense_live.protocols.solarxr.runtime_messages import Updates, read_bundle, settings_bundle
 from bodysense_live.protocols.solarxr.solarxr_body import BodyFrame, body_frame, body_layout
 from bodysense_live.protocols.solarxr.solarxr_input import LARGEST
@@ -81,7 +81,7 @@ class _Client:
     transport: Any
     write: Callable[[bytes], None]  # sends one message
     interval: float | None = None  # s between updates; None: the client has not requested any
-    mask: Mask | None = None  # parts of bones that a driver requests; None: the client is older
+    mask: BoneParts | None = None  # parts of bones that a driver requests; None: the client is older
     driver: str = ""  # name of a registered driver
     sent: float = field(default=-np.inf)  # s, time of the last update
     later: asyncio.TimerHandle | None = None  # runs until the next update is due
@@ -99,9 +99,9 @@ class SolarxrLink:
         self._heartbeat_task: asyncio.Task[None] | None = None
         self._eyes = between_eyes(default_skeleton())
         self._layout = body_layout(default_skeleton(), self._eyes)
-        self._updates: dict[Mask | None, Updates | SkeletonUpdates] = {}  # by a driver's mask; None: older clients
+        self._updates: dict[BoneParts | None, Updates | SkeletonUpdates] = {}  # by a driver's mask; None: older clients
         self._body: BodyFrame | None = None  # None: no wearer is tracked
-        self._packets: dict[Mask | None, bytes] = {}  # updates of the body that have been built
+        self._packets: dict[BoneParts | None, bytes] = {}  # updates of the body that have been built
         self._sent_skeleton: Skeleton = default_skeleton()
         self._last_body = -np.inf  # s, when a body was last sent
         self._paths = [settings.folder / name for name in (RPC, INPUT)]
