@@ -33,9 +33,9 @@ SHORT = 6  # lines of a private function that might be in the place of its only 
 
 
 def tracked() -> list[str]:
-    """Return the paths of tracked files that exist, without the built page and code of others."""
+    """Return the paths of tracked files that exist, without the built page and generated or foreign code."""
     names = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
-    others = ("/bodysense_live/page/", "core/vendor/")
+    others = ("/bodysense_live/page/", "core/vendor/", "_generated.py")
     return [name for name in names if (ROOT / name).is_file() and not any(part in name for part in others)]
 
 

@@ -1,6 +1,7 @@
 """Write web/src/server/protocol.ts, numbers and text messages of the protocol as TypeScript, from bodysense_live.
 
 python scripts/make_protocol_types.py [--check]
+python scripts/make_protocol_types.py --solarxr [--check]    # SolarXR's Python code from its schemas, by flatc 2.0.8
 """
 
 from __future__ import annotations
@@ -8,7 +9,9 @@ from __future__ import annotations
 import argparse
 import ast
 import inspect
+import subprocess
 import sys
+import tempfile
 from dataclasses import MISSING, fields, is_dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -18,7 +21,9 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from bodysense.io.formats import protocol
 from bodysense_live.server import messages
 
-PLACE = Path(__file__).parents[1] / "web" / "src" / "server" / "protocol.ts"
+ROOT = Path(__file__).parents[1]
+PLACE = ROOT / "web" / "src" / "server" / "protocol.ts"
+SOLARXR = ROOT / "packages" / "live" / "src" / "bodysense_live" / "protocols" / "solarxr"
 
 
 def text() -> str:
@@ -42,6 +47,15 @@ def text() -> str:
     for name, table in (("ClientMessage", messages.CLIENT), ("ServerMessage", messages.SERVER)):
         parts.append(f"export type {name} = {' | '.join(kind.__name__ for kind in table.values())};\n")
     return "\n".join(parts)
+
+
+def solarxr_code() -> dict[Path, str]:
+    """Return the text of SolarXR's files of code, by their paths. Needs flatc (apt install flatbuffers-compiler)."""
+    schemas = sorted((SOLARXR / "schema").glob("*.fbs"))
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run(["flatc", "--python", "--gen-onefile", "-o", folder, *map(str, schemas)], check=True)
+        made = sorted(Path(folder).glob("*_generated.py"))
+        return {SOLARXR / "generated" / path.name: path.read_text(encoding="utf-8") for path in made}
 
 
 def interface(kind: type, tag: str | None) -> str:
@@ -107,11 +121,17 @@ def typescript(hint: Any) -> str:
 def main() -> int:
     """Write the file, or report whether it is up to date."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="only report whether the file is up to date")
-    if parser.parse_args().check:
-        return 0 if PLACE.is_file() and PLACE.read_text(encoding="utf-8") == text() else 1
-    PLACE.parent.mkdir(parents=True, exist_ok=True)
-    PLACE.write_text(text(), encoding="utf-8")
+    parser.add_argument("--check", action="store_true", help="only report whether the files are up to date")
+    parser.add_argument("--solarxr", action="store_true", help="SolarXR's code in place of the page's types")
+    asked = parser.parse_args()
+    files = solarxr_code() if asked.solarxr else {PLACE: text()}
+    if asked.check:
+        return (
+            0 if all(path.is_file() and path.read_text(encoding="utf-8") == new for path, new in files.items()) else 1
+        )
+    for path, new in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(new, encoding="utf-8")
     return 0
 
 
