@@ -19,7 +19,7 @@ from bodysense.devices.video.pictures import Picture
 from bodysense.devices.video.sitting import SEAT
 from bodysense.tracking.tracker import Tracker, TrackerSettings
 
-from ...filmed_people import HIP_OVER_SEAT, RATE, Film, pictures, seated_pose, truth
+from ...people.filmed import HIP_OVER_SEAT, RATE, Film, pictures, seated_pose, truth
 from ..conftest import SKELETON, seen_by
 
 LEGS = ("knee", "ankle", "heel", "toe")

@@ -1,8 +1,8 @@
 """Video device: a person's landmarks in, points of their body in the room out.
 
 Head, shoulders and legs follow the landmarks' directions with the wearer's own bone lengths (`landmark_points`). A
-network gives rotations of arms and hands; arms are aligned with their lines in the picture (`arm_lines`). Unseen parts
-are not observed, and the tracker completes them.
+network gives rotations of arms and hands; arms are aligned with their lines in the picture (`arm_geometry.lines`).
+Unseen parts are not observed, and the tracker completes them.
 
 The room's axes are the camera's without its tilt and roll, which are learned from the standing person (`camera_level`).
 z is 0 at the start, and the lowest point of the legs is on the floor.
@@ -20,8 +20,8 @@ from bodysense.body.arms import ARM_JOINTS, ARM_POINTS, CHEST, SIDES, arm_rotati
 from bodysense.body.keypoints import Camera, arm_directions
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import ARM, Skeleton
-from bodysense.devices.video.arm_lines import align_with_lines, with_depths
-from bodysense.devices.video.arm_turns import align_arms, palm_rotations, with_palms
+from bodysense.devices.video.arm_geometry.lines import align_with_lines, with_depths
+from bodysense.devices.video.arm_geometry.turns import align_arms, palm_rotations, with_palms
 from bodysense.devices.video.camera_level import CameraLevel, remove_roll, roll_matrix, tilt_matrix
 from bodysense.devices.video.landmark_points import TRUNK, FittedPoints, LandmarkPoints, locate_pelvis
 from bodysense.devices.video.landmark_smoothing import REACH, smooth_frame
