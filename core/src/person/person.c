@@ -224,10 +224,10 @@ static bool knows_height(const bs_person *person, const proportions *own) {
     return !isnan(person->height) && !own->released;
 }
 
-/* The likeliest body for lengths that were seen or are known, and a height. */
+/* The likeliest body for lengths that were seen or are known, and a height that was inferred or else stated. */
 static void fit_lengths(const bs_model *model, const bs_person *person, double height, double height_deviation,
-                        proportions *own) {
-    measurements known = {.height = height, .height_deviation = height_deviation, .lengths = 0};
+                        bool is_stated, proportions *own) {
+    measurements known = {height, height_deviation, is_stated, .lengths = 0};
     for (int k = 0; k < HEAD_OVER_FLOOR; ++k) {
         const struct evidence *row = &LENGTH[k];
         double total, value = quantile(own->seconds[k], row->quantile, &total) + row->slack;
@@ -242,13 +242,13 @@ static void fit_lengths(const bs_model *model, const bs_person *person, double h
 static void fit_body(const bs_model *model, const bs_person *person, proportions *own) {
     double total, head = upright_head(own->seconds[HEAD_OVER_FLOOR], &total), height, deviation;
     if (knows_height(person, own)) {
-        fit_lengths(model, person, person->height, person->height_deviation, own);
+        fit_lengths(model, person, person->height, person->height_deviation, true, own);
         return;
     }
-    fit_lengths(model, person, NAN, NAN, own); /* what is expected of the head's height */
+    fit_lengths(model, person, NAN, NAN, false, own); /* what is expected of the head's height */
     if (total > 0) {
         enum stance found = infer_height(own, head, total, &height, &deviation);
-        if (isfinite(height)) fit_lengths(model, person, height, deviation, own);
+        if (isfinite(height)) fit_lengths(model, person, height, deviation, false, own);
         /* A body that was guessed from a seat gives way to one that walks, if they differ by much. */
         bool mistaken = found == STANDS && own->seated && rest_height(own->believed, HEAD_TOP) < own->tallest - MISTAKEN;
         if (mistaken && own->walked > 0) {

@@ -64,6 +64,11 @@ static void fit(const bs_model *model, const measurements *known, double coeffic
         vector_of(mean, known, m, start[m]);
         for (int k = 0; k < SHAPE_SIZE; ++k) vector_of(component + k * 3 * BS_POINTS, known, m, slope[m][k]);
     }
+    double height = known->height, variance = 0.0;
+    if (isfinite(height) && known->is_stated) { /* without lengths, the likeliest height is then the one that was stated */
+        for (int k = 0; k < SHAPE_SIZE; ++k) variance += slope[known->lengths][k][1] * slope[known->lengths][k][1];
+        height += (height - start[known->lengths][1]) * known->height_deviation * known->height_deviation / variance;
+    }
     for (int k = 0; k < SHAPE_SIZE; ++k) coefficient[k] = 0.0;
     for (int step = 0; step < MOST_STEPS; ++step) {
         double gradient[SHAPE_SIZE], largest = 0.0;
@@ -73,7 +78,7 @@ static void fit(const bs_model *model, const measurements *known, double coeffic
         }
         for (int m = 0; m < count; ++m) {
             bool is_height = m == known->lengths;
-            double value = is_height ? known->height : known->length[m].value;
+            double value = is_height ? height : known->length[m].value;
             double deviation = is_height ? known->height_deviation : known->length[m].deviation;
             double vector[3], row[SHAPE_SIZE], far = 0.0;
             for (int c = 0; c < 3; ++c) {

@@ -9,7 +9,7 @@
 
 bs_result bs_person_likeliest(const bs_model *model, bs_person *person) {
     bs_person checked = *person;
-    measurements known = {.height = person->height, .height_deviation = person->height_deviation};
+    measurements known = {person->height, person->height_deviation, .is_stated = true};
     likeliest_body(model, &(measurements){.height = NAN}, checked.rest_offset, checked.deviation);
     bs_result result = check_person(&checked);
     if (result != BS_OK) return result;
