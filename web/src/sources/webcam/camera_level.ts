@@ -1,16 +1,20 @@
 /** Tilt and roll of a camera, from an upright person (bodysense.devices.video.camera_level). */
 
 import { add, dot, rotate, scaled, size, subtract, unit, type Quaternion, type Vector } from "../../body/math";
-import { placesOf, VISIBLE, type Landmarks } from "./landmark_marks";
+import {
+  ENOUGH,
+  LONGEST_ANGLE,
+  LONGEST_MEAN,
+  MOST_ROLLED,
+  STEEPEST,
+  SWAY,
+  TRUNK_SHARE,
+  UPRIGHT,
+  VISIBLE,
+} from "./constants";
+import { placesOf, type Landmarks } from "./landmark_marks";
 
 const RADIANS = Math.PI / 180;
-const STRAIGHT = Math.cos(25 * RADIANS); // between the bones of a standing body and the line from feet to shoulders
-const [STEEPEST, MOST_ROLLED] = [35 * RADIANS, 50 * RADIANS]; // above which the body leans, not the camera
-const LONGEST_MEAN = 10; // s, time over which angles are averaged
-const LONGEST_STEP = 0.1; // s, largest weight of a frame
-const SWAY = 3 * RADIANS; // usual lean of standing people
-const TRUNK_SHARE = 0.5; // of the tilt of a sitting person's trunk that the camera has
-const ENOUGH = 1; // s of standing that count as much as the trunk
 
 export class CameraLevel {
   private tilt = 0; // rad, by which the camera looks down
@@ -24,7 +28,7 @@ export class CameraLevel {
   step(landmarks: Landmarks, time: number, isSeated: boolean): void {
     const up = isSeated ? trunkOf(landmarks) : upright(landmarks);
     if (!up) return;
-    const elapsed = Math.min(time - this.time, LONGEST_STEP);
+    const elapsed = Math.min(time - this.time, LONGEST_ANGLE);
     const tilt = tiltOf(up);
     if (isSeated) {
       const share = this.sat === 0 ? 1 : elapsed / (this.sat + elapsed);
@@ -48,7 +52,7 @@ export class CameraLevel {
 
   /** Landmarks as an upright camera in the same place sees them. */
   upright({ world, picture, visible }: Landmarks): Landmarks {
-    const roll = this.roll ** 3 / (this.roll ** 2 + SWAY ** 2); // less if it is within people's sway
+    const roll = this.roll ** 3 / (this.roll ** 2 + (SWAY * RADIANS) ** 2); // less if it is within people's sway
     const turn: Quaternion = [Math.cos(roll / 2), 0, 0, Math.sin(roll / 2)];
     return {
       world: world.map((place) => rotate(turn, place)),
@@ -67,7 +71,7 @@ function trunkOf(landmarks: Landmarks): Vector | null {
   const shoulders = placesOf(landmarks, "shoulder");
   if (shoulders.visible < VISIBLE) return null;
   const up = subtract(shoulders.middle, placesOf(landmarks, "hip").middle);
-  return up[1] <= 0 || Math.abs(tiltOf(up)) > STEEPEST ? null : up;
+  return up[1] <= 0 || Math.abs(tiltOf(up)) > STEEPEST * RADIANS ? null : up;
 }
 
 /** From feet to shoulders of a body that stands or walks. */
@@ -80,6 +84,7 @@ function upright(landmarks: Landmarks): Vector | null {
   const bones = [0, 1].flatMap((k) => [subtract(hips.both[k], knees.both[k]), subtract(knees.both[k], ankles.both[k])]);
   const trunk = scaled(add(subtract(shoulders.both[0], hips.both[0]), subtract(shoulders.both[1], hips.both[1])), 0.5);
   const straight = Math.min(...[...bones, trunk].map((bone) => dot(bone, up) / Math.max(size(bone), 1e-9)));
-  const isLevel = Math.abs(tiltOf(up)) < STEEPEST && Math.abs(Math.atan2(up[0], up[1])) < MOST_ROLLED;
-  return straight > STRAIGHT && isLevel ? up : null;
+  const isLevel =
+    Math.abs(tiltOf(up)) < STEEPEST * RADIANS && Math.abs(Math.atan2(up[0], up[1])) < MOST_ROLLED * RADIANS;
+  return straight > Math.cos(UPRIGHT * RADIANS) && isLevel ? up : null;
 }

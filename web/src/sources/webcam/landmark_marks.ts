@@ -14,7 +14,6 @@ export const SIDES = ["left", "right"] as const;
 export type Side = (typeof SIDES)[number];
 const PARTS = ["shoulder", "elbow", "wrist", "pinky", "index", "thumb", "hip", "knee", "ankle", "heel", "toe"] as const;
 export type Part = (typeof PARTS)[number];
-export const VISIBLE = 0.5; // probability from which a landmark counts as seen
 
 export function mark(side: Side, part: Part): number {
   return 11 + 2 * PARTS.indexOf(part) + (side === "left" ? 0 : 1);

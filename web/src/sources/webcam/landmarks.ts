@@ -24,16 +24,14 @@ import { ACCURACY, type Point } from "../../body/observation";
 import { restOf, type Skeleton } from "../../body/skeleton";
 import { CameraLevel } from "./camera_level";
 import { Laid } from "./laid";
-import { mark, MARKS, SIDES, VISIBLE, type Landmarks, type Part, type Side } from "./landmark_marks";
-import { FEET_VISIBLE, layLegs, Sitting } from "./sitting";
+import { FEET_VISIBLE, FLOOR_HALF_LIFE, NEAR, UNSEEN_LEGS, VISIBLE } from "./constants";
+import { mark, MARKS, SIDES, type Landmarks, type Part, type Side } from "./landmark_marks";
+import { layLegs, Sitting } from "./sitting";
 
-const NEAR = 0.3; // m, smallest distance of a person from the camera
-const UNSEEN_LEGS = 3; // factor on the distance of a body whose legs are hidden
 const PULL = { shoulder: 1, hip: 1, elbow: 0.3, wrist: 0.3, knee: 0.3, ankle: 0.3 } as const; // weights of landmarks
 // that place the body: directions of limbs are less sure than the trunk's
 const TRUNK = { shoulder: 1, hip: 1 } as const; // the same before legs are known
 const FOLLOWED = 0.1; // s: half-life of the smoothing of the place
-const FLOOR_KEPT = 1; // s: half-life of the smoothing of the floor's height
 const LIMBS = [
   ["shoulder", "elbow"],
   ["elbow", "wrist"],
@@ -79,7 +77,8 @@ export class LandmarkPoints {
   private learnFloor(floor: number, visible: readonly number[], passed: number): void {
     const legs = SIDES.flatMap((side) => [visible[mark(side, "knee")], visible[mark(side, "ankle")]]);
     if (Math.min(...legs) < FEET_VISIBLE) return;
-    this.floor = this.floor === null ? floor : this.floor + (1 - 2 ** (-passed / FLOOR_KEPT)) * (floor - this.floor);
+    this.floor =
+      this.floor === null ? floor : this.floor + (1 - 2 ** (-passed / FLOOR_HALF_LIFE)) * (floor - this.floor);
   }
 }
 

@@ -3,34 +3,35 @@
 import { add, conjugate, cross, dot, fromAxes, rotate, scaled, size, subtract, unit } from "../../body/math";
 import type { Quaternion, Vector } from "../../body/math";
 import { restOf, type Skeleton } from "../../body/skeleton";
+import {
+  ANKLE_VISIBLE,
+  APART,
+  ASSUMED,
+  CUE_HALF_LIFE,
+  CUE_RANGE,
+  DROPS,
+  DROP_BIAS,
+  DROP_DEVIATION,
+  HIP_OVER_SEAT,
+  KNEE_GUESSED,
+  KNEE_VISIBLE,
+  LONGEST_CUE,
+  MARGIN,
+  ON_TABLE,
+  PITCH,
+  SEAT,
+  SEATED,
+  SEAT_DEVIATION,
+  SHORT,
+  STANDING,
+  STRAIGHT_BEND,
+  TRUE_BEND,
+  USUAL,
+  WIDEST,
+} from "./constants";
 import type { Laid } from "./laid";
 import { mark, placesOf, SIDES, type Landmarks, type Part, type Side } from "./landmark_marks";
 
-// Cues of sitting: 0 in the middle between people who sit and who stand, 1 in their usual spread.
-const PITCH = [0, 20] as const; // degrees by which landmarks raise the thighs toward the front
-const APART = [1.1, 0.15] as const; // distance of the knees in the picture by that of the hips
-const SHORT = [1, -0.2] as const; // length of the thighs in the picture by that of the shins
-const RANGE = [-1, 2.5] as const; // of a cue
-const SEATED = 0.4; // sum of cues above which a person sits
-const MARGIN = 0.2; // of the sum, by which it must pass `SEATED` for a change
-const HALF_LIFE = 0.4; // s, of the averaging of cues
-const LONGEST_STEP = 0.5; // s, largest weight of a frame
-const KNEE_VISIBLE = 0.35; // probability from which knees are cues
-const KNEE_GUESSED = 0.1; // probability from which knees beyond the picture are in their place
-const ANKLE_VISIBLE = 0.5; // probability from which ankles count
-export const FEET_VISIBLE = 0.75; // probability from which ankles tell where the floor is
-const ASSUMED = 0.5; // probability that is given to legs that are hidden
-const SEAT = 0.475; // m, likely height of a seat
-const HIP_OVER_SEAT = 0.095; // m
-const SEAT_DEVIATION = 0.06; // m, of seats
-const DROP_DEVIATION = 0.08; // m, of heights of knees under hips in the picture
-const DROP_BIAS = 0.02; // m by which these are too large
-const USUAL = 0.15; // m from the likely height beyond which a seen height counts alone
-const ON_TABLE = 0.1; // weight of knees that are seen higher than seats allow
-const DROPS = [-0.35, 0.36] as const; // m, range of heights of the knees under the hips
-const WIDEST = 0.6; // sine of the largest angle of a thigh to the front
-const STANDING = 0.85; // of the pelvis's standing height, above which hidden legs stand
-const [STRAIGHT, BENT] = [28, 75]; // degrees of bend that straight knees have, and above which bends are right
 const UP: Vector = [0, 1, 0];
 
 const within = (value: number, [least, most]: readonly [number, number]): number =>
@@ -47,7 +48,7 @@ export class Sitting {
     if (placesOf(landmarks, "knee").visible < KNEE_VISIBLE) return;
     const cues = cuesOf(landmarks);
     const isFirst = this.cues === null;
-    const share = isFirst ? 1 : 1 - 2 ** (-Math.min(time - this.time, LONGEST_STEP) / HALF_LIFE);
+    const share = isFirst ? 1 : 1 - 2 ** (-Math.min(time - this.time, LONGEST_CUE) / CUE_HALF_LIFE);
     this.cues = (this.cues ?? cues) + share * (cues - (this.cues ?? cues));
     this.isSeated = this.cues > SEATED + (isFirst ? 0 : this.isSeated ? -MARGIN : MARGIN);
     this.time = time;
@@ -73,7 +74,7 @@ function cuesOf(landmarks: Landmarks): number {
 }
 
 function cue(value: number, [middle, spread]: readonly [number, number]): number {
-  return within((value - middle) / spread, RANGE);
+  return within((value - middle) / spread, CUE_RANGE);
 }
 
 /** Where a body is: the pelvis in an upright camera's axes, the camera's lens, and the floor over the camera, m. */
@@ -168,7 +169,10 @@ function stand(laid: Laid, seen: Landmarks, room: Quaternion, skeleton: Skeleton
       ? rotate(conjugate(room), subtract(rest(ankle), rest(knee)))
       : subtract(laid.at(ankle), laid.at(knee));
     const bend = (Math.acos(within(dot(unit(thigh), unit(shin)), [-1, 1])) * 180) / Math.PI;
-    const share = bend >= BENT ? 1 : (Math.max(bend - STRAIGHT, 0) * BENT) / (BENT - STRAIGHT) / Math.max(bend, 1e-6);
+    const share =
+      bend >= TRUE_BEND
+        ? 1
+        : (Math.max(bend - STRAIGHT_BEND, 0) * TRUE_BEND) / (TRUE_BEND - STRAIGHT_BEND) / Math.max(bend, 1e-6);
     const chord = unit(isHidden ? shin : add(thigh, shin));
     const laidOut = (bone: Vector): Vector =>
       scaled(unit(add(scaled(chord, (1 - share) * size(bone)), scaled(bone, share))), size(bone));

@@ -1,6 +1,7 @@
 /** A webcam: a person's landmarks, found in a worker, become points of the body. Nothing leaves this browser. */
 
-import { mark, SIDES, VISIBLE, type Landmarks } from "./landmark_marks";
+import { VISIBLE } from "./constants";
+import { mark, SIDES, type Landmarks } from "./landmark_marks";
 import { LandmarkPoints } from "./landmarks";
 import { mixed, type Vector } from "../../body/math";
 import type { FromCamera, ToCamera } from "../../engine/camera_worker";
