@@ -632,7 +632,7 @@ static double growth(const bs_model *model, double more, double speed, double kn
 static double growth_still(const bs_model *m) { return growth(m, 1, 0, (double)NAN); }
 static double growth_moving(const bs_model *m) { return growth(m, 1, 9, (double)NAN); }
 static double growth_moves(const bs_model *m) { LEAST(0, 3, growth(m, 1, at, (double)NAN) > 0.05); }
-static double body_half_life(const bs_model *m) { return 0.01 * log(2) / growth(m, 0.01, 0, (double)NAN); }
+static double body_half_life(const bs_model *m) { return 0.004 * log(2) / growth(m, 0.004, 0, (double)NAN); }
 
 /* Look at a head that was at `been` and is `ahead` of it (m), `over` its height at rest (m). */
 static proportions looked_at(const bs_model *model, double ahead, double over) {
