@@ -230,7 +230,7 @@ def _different_frames(pose: Pose, position: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class _Bones:
+class _FittedBones:
     """Bones that are fitted: those of the middle, and pairs of both sides, which mirror each other."""
 
     pairs: tuple[tuple[int, ...], ...]  # joints at the bones' ends
@@ -238,7 +238,7 @@ class _Bones:
     information: Array  # (N, 3, 3) 1/m²
 
     @staticmethod
-    def of(skeleton: Skeleton, *, is_known: bool) -> _Bones:
+    def of(skeleton: Skeleton, *, is_known: bool) -> _FittedBones:
         pairs = tuple(
             (k, skeleton.index(name.replace("left_", "right_"))) if name.startswith("left_") else (k,)
             for k, name in enumerate(skeleton.joints)
@@ -251,7 +251,7 @@ class _Bones:
             information[k] = along / ALONG**2 + (np.eye(3) - along) / ACROSS**2
             if skeleton.joints[joint].endswith(_SHORT):
                 information[k] = np.eye(3) / SHORT**2
-        return _Bones(pairs, skeleton.rest_offset, information)
+        return _FittedBones(pairs, skeleton.rest_offset, information)
 
     def changed(self, skeleton: Skeleton, change: Array) -> Skeleton:
         """Return a skeleton whose bones change by (N, 3) m."""
@@ -267,7 +267,7 @@ def _adjusted(worn: WornMarkers, start: BodyPoses, position: Array, *, is_known:
 
     Also return by how much the fit misses the most accurate points, m, root mean square of a coordinate.
     """
-    bones, poses = _Bones.of(worn.skeleton, is_known=is_known), start
+    bones, poses = _FittedBones.of(worn.skeleton, is_known=is_known), start
     count, joints = 3 * len(worn.joint), len(worn.skeleton.joints)
     spine = np.repeat(np.isin(np.arange(joints), worn.skeleton.indices(SPINE)), 3)
     usual = worn.offset
@@ -307,7 +307,7 @@ class _Rows:
     rest: Array  # (T, 3 M), by which the markers are missed
 
 
-def _linearised(worn: WornMarkers, poses: BodyPoses, position: Array, bones: _Bones) -> tuple[_Rows, Array]:
+def _linearised(worn: WornMarkers, poses: BodyPoses, position: Array, bones: _FittedBones) -> tuple[_Rows, Array]:
     """Return the rows of markers (T, M, 3), and the rotations (T, J, 3, 3) of the joints."""
     joints, turn = poses.kinematics(worn.skeleton)
     frames, markers = position.shape[:2]
