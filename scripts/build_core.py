@@ -18,8 +18,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 ENDINGS = {"win32": ".dll", "darwin": ".dylib"}  # of shared libraries, by `sys.platform`; else .so
-SOURCES = {"_core": ("core/src/*.c",), "_fbx": ("core/fbx/*.c", "core/vendor/ufbx/*.c")}
-_HEADERS = {"_core": ("core/src/*.h",), "_fbx": ("core/vendor/ufbx/*.h",)}
+SOURCES = {"_core": ("core/src/*/*.c",), "_fbx": ("core/fbx/*.c", "core/vendor/ufbx/*.c")}
+_HEADERS = {"_core": ("core/src/*.h", "core/src/*/*.h"), "_fbx": ("core/vendor/ufbx/*.h",)}
 _FLAGS = (
     "-std=c11",
     "-O3",
@@ -80,7 +80,7 @@ def is_current(name: str) -> bool:
 def build_program(source: Path, program: Path) -> Path:
     """Compile a program of core/bench with core/src."""
     flags = [flag for flag in _FLAGS if flag != "-shared"]
-    sources = [source, *sorted((ROOT / "core" / "src").glob("*.c"))]
+    sources = [source, *sorted((ROOT / "core" / "src").glob("*/*.c"))]
     command = [*compiler(), *flags, f"-I{ROOT / 'core' / 'include'}", *map(str, sources), "-o", str(program), "-lm"]
     subprocess.run(command, check=True)
     return program

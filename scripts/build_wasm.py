@@ -52,7 +52,7 @@ def interface() -> list[str]:
 
 def build(output: Path = OUTPUT, command: list[str] | None = None) -> Path:
     """Compile core/src into a WebAssembly module that exports its memory and the header's functions."""
-    sources = sorted(str(path) for path in (ROOT / "core" / "src").glob("*.c"))
+    sources = sorted(str(path) for path in (ROOT / "core" / "src").glob("*/*.c"))
     exported = [f"-Wl,--export={name}" for name in interface()]
     unfinished = output.with_name(f"{output.name}.part")
     subprocess.run([*(command or compiler()), *_FLAGS, *exported, *sources, "-o", str(unfinished)], check=True)

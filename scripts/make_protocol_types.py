@@ -1,6 +1,8 @@
-"""Write web/src/server/protocol.ts, numbers and text messages of the protocol as TypeScript, from bodysense_live.
+"""Write what the page shares with the packages as TypeScript: the protocol's types, and numbers of the video device.
 
 python scripts/make_protocol_types.py [--check]
+    writes web/src/server/protocol.ts and web/src/sources/webcam/constants.ts
+python scripts/make_protocol_types.py --solarxr [--check]    # SolarXR's Python code from its schemas, by flatc 2.0.8
 """
 
 from __future__ import annotations
@@ -8,17 +10,23 @@ from __future__ import annotations
 import argparse
 import ast
 import inspect
+import subprocess
 import sys
+import tempfile
 from dataclasses import MISSING, fields, is_dataclass
 from itertools import pairwise
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
+from bodysense.devices.video import posture_constants
 from bodysense.io.formats import protocol
 from bodysense_live.server import messages
 
-PLACE = Path(__file__).parents[1] / "web" / "src" / "server" / "protocol.ts"
+ROOT = Path(__file__).parents[1]
+PLACE = ROOT / "web" / "src" / "server" / "protocol.ts"
+CONSTANTS = ROOT / "web" / "src" / "sources" / "webcam" / "constants.ts"
+SOLARXR = ROOT / "packages" / "live" / "src" / "bodysense_live" / "protocols" / "solarxr"
 
 
 def text() -> str:
@@ -42,6 +50,33 @@ def text() -> str:
     for name, table in (("ClientMessage", messages.CLIENT), ("ServerMessage", messages.SERVER)):
         parts.append(f"export type {name} = {' | '.join(kind.__name__ for kind in table.values())};\n")
     return "\n".join(parts)
+
+
+def constants_text() -> str:
+    """Return the numbers of `posture_constants` as TypeScript, with their comments."""
+    lines = inspect.getsource(posture_constants).partition('"""\n\n')[2].splitlines()
+    parts = [
+        "// Written by scripts/make_protocol_types.py from bodysense.devices.video.posture_constants. Do not edit.",
+        "",
+    ]
+    for line in lines:
+        name, _, rest = line.partition(" = ")
+        if not rest:
+            parts.append(line.replace("# ", "// ", 1))
+            continue
+        value, comment = getattr(posture_constants, name), rest.partition("  # ")[2]
+        number = f"[{', '.join(f'{part:g}' for part in value)}] as const" if isinstance(value, tuple) else f"{value:g}"
+        parts += [f"/** {comment} */", f"export const {name} = {number};"]
+    return "\n".join(parts) + "\n"
+
+
+def solarxr_code() -> dict[Path, str]:
+    """Return the text of SolarXR's files of code, by their paths. Needs flatc (apt install flatbuffers-compiler)."""
+    schemas = sorted((SOLARXR / "schema").glob("*.fbs"))
+    with tempfile.TemporaryDirectory() as folder:
+        subprocess.run(["flatc", "--python", "--gen-onefile", "-o", folder, *map(str, schemas)], check=True)
+        made = sorted(Path(folder).glob("*_generated.py"))
+        return {SOLARXR / "generated" / path.name: path.read_text(encoding="utf-8") for path in made}
 
 
 def interface(kind: type, tag: str | None) -> str:
@@ -107,11 +142,17 @@ def typescript(hint: Any) -> str:
 def main() -> int:
     """Write the file, or report whether it is up to date."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="only report whether the file is up to date")
-    if parser.parse_args().check:
-        return 0 if PLACE.is_file() and PLACE.read_text(encoding="utf-8") == text() else 1
-    PLACE.parent.mkdir(parents=True, exist_ok=True)
-    PLACE.write_text(text(), encoding="utf-8")
+    parser.add_argument("--check", action="store_true", help="only report whether the files are up to date")
+    parser.add_argument("--solarxr", action="store_true", help="SolarXR's code in place of the page's types")
+    asked = parser.parse_args()
+    files = solarxr_code() if asked.solarxr else {PLACE: text(), CONSTANTS: constants_text()}
+    if asked.check:
+        return (
+            0 if all(path.is_file() and path.read_text(encoding="utf-8") == new for path, new in files.items()) else 1
+        )
+    for path, new in files.items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(new, encoding="utf-8")
     return 0
 
 

@@ -9,7 +9,9 @@ unchanged. DATA is a folder of motion or a prepared store.
     gloves-steps)
     bodysense evaluate completion --data DATA --json FIGURES/completion.json
     … the same with --limit 36 --takes --lattice, into FIGURES/completion-takes.json
+    … the same with --sets mocopi_six dip_six slimevr_five slimevr_six --no-mean-body, into FIGURES/suits.json
     … the same with --split val --bodies own --takes, into FIGURES/validation.json, for the cards of the networks
+    bodysense evaluate kinds --data DATA --json FIGURES/kinds.json
     bodysense evaluate sight --headset DATA/headset --json FIGURES/sight.json
     bodysense evaluate scenes --headset DATA/headset --json FIGURES/scenes.json
     bodysense evaluate holes --data DATA --clips 100 --json FIGURES/holes.json

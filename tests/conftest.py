@@ -246,15 +246,18 @@ def small_arms(exported_once: ExportedOnce, small_arms_weights: Path) -> Path:
 
 @pytest.fixture
 def quick_completion(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Train the completion network on four sequences side by side instead of 96, and round no weights: both take long.
+    """Train the completion network on four sequences at once instead of 96, judge errors by a second of each scene,
+    and round no weights: all of it takes long.
 
     tests/lab/completion/networks/test_rounding.py rounds them.
     """
-    from bodysense_lab.completion.networks import publish
+    from bodysense_lab.completion.networks import error_samples, publish
     from bodysense_lab.completion.training import task
 
     monkeypatch.setattr(task, "CompletionTaskConfig", partial(task.CompletionTaskConfig, streams=4))
     monkeypatch.setattr(publish, "_STREAMS", 4)
+    monkeypatch.setattr(error_samples, "_LONGEST", 1.0)  # s of a clip
+    monkeypatch.setattr(error_samples, "_SECONDS", 1.0)  # s of a scripted scene
     monkeypatch.setattr(publish, "round_weights", lambda network, moments: None)
 
 

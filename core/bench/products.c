@@ -10,7 +10,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "../src/layers.h"
+#include "../src/network/layers.h"
 
 #define WARM_UP 20
 

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "../src/model.h"
+#include "../src/network/model.h"
 
 #define TINY_HIDDEN 32
 #define TINY_HAND 16

@@ -12,7 +12,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "../src/kinematics.h"
+#include "../src/base/kinematics.h"
 #include "golden.h"
 #include "random_model.h"
 

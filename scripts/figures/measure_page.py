@@ -58,7 +58,7 @@ def run_scenario(folder: Path, scenario: str, *arguments: object) -> dict[str, A
 
 def visited(folder: Path) -> dict[str, float]:
     """Visit the page `VISITS` times; return the times of the first text, body, and completed body."""
-    visits = [run_scenario(folder, "first", folder / "first.png") for _ in range(VISITS)]
+    visits = [run_scenario(folder, "alone/first", folder / "first.png") for _ in range(VISITS)]
     times = {name: [visit[name] for visit in visits] for name in ("words", "moving", "completed")}
     return {
         f"{name}_{which}_s": float(statistic(values))
@@ -74,7 +74,7 @@ def page(folder: Path) -> dict[str, float]:
 
 def endurance(folder: Path) -> dict[str, float]:
     """Return the times of steps and of the page's frames over ten minutes of a headset, and the memory."""
-    found = run_scenario(folder, "endurance", MINUTES * 60)
+    found = run_scenario(folder, "headset/endurance", MINUTES * 60)
     held = {f"{key}_{when}_mb": found["held"][k][key] for k, when in ((0, "early"), (-1, "late")) for key in MEMORY}
     times = {f"step_{key}_ms": found[key] for key in TIMES} | {f"frame_{key}_ms": found["page"][key] for key in TIMES}
     thread = found["thread"] or {}

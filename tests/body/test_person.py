@@ -66,11 +66,12 @@ def test_known_proportions_are_certain() -> None:
 
 def test_lengths_are_known_or_measured() -> None:
     thigh = ("left_hip", "left_knee")
-    exact = Person(lengths={thigh: 0.46}, height=1.75)
+    exact = Person(lengths={thigh: 0.46}, height=Measured(1.75, 0.001))
     assert bone(exact, "left_knee") == pytest.approx(0.46, abs=1e-3)
     assert bone(exact, "right_knee") == pytest.approx(bone(exact, "left_knee"), abs=1e-12)
     assert stature(exact.skeleton.rest_offset) == pytest.approx(1.75, abs=2e-3)
     guessed, measured = Person(height=1.75), Person(lengths={thigh: Measured(0.46, 0.02)}, height=1.75)
+    assert 1.75 < stature(Person(lengths={thigh: 0.46}, height=1.75).skeleton.rest_offset) < 1.8  # it yields
     assert bone(guessed, "left_knee") < bone(measured, "left_knee") < bone(exact, "left_knee")
     knee = exact.skeleton.index("left_knee")
     assert exact.bone_deviation[knee] < measured.bone_deviation[knee] < guessed.bone_deviation[knee]
@@ -78,7 +79,7 @@ def test_lengths_are_known_or_measured() -> None:
 
 def test_small_people_keep_known_lengths() -> None:
     """Outside the statures of adults the space is scaled, and known lengths still hold."""
-    child = Person(lengths={("left_elbow", "left_wrist"): 0.17}, height=1.2)
+    child = Person(lengths={("left_elbow", "left_wrist"): 0.17}, height=Measured(1.2, 0.001))
     assert bone(child, "left_wrist") == pytest.approx(0.17, abs=1e-3)
     assert stature(child.skeleton.rest_offset) == pytest.approx(1.2, abs=2e-3)
 

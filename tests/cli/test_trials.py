@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from split_people import write_people
+from people.split import write_people
 
 from bodysense.cli import main
 from bodysense.demo import packaged_performance
@@ -28,7 +28,6 @@ from bodysense.io.datasets.sources import Source
 from bodysense.tracking.model import load_completion
 from bodysense.tracking.tracker import Tracker
 from bodysense_lab.commands import train
-from bodysense_lab.completion.networks import error_samples
 from bodysense_lab.core import fit, sweep
 from bodysense_lab.data import clips
 
@@ -95,7 +94,6 @@ def test_the_completion_network_is_trained_and_published(
     recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.setattr(error_samples, "_LONGEST", 1.0)  # s of a clip that errors are judged by
     assert main(arguments("completion", recorded, tmp_path, 2)) == 0
     network = load_completion(tmp_path / COMMANDS["completion"][0])
     assert Tracker(network=network).start().model is network

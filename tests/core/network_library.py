@@ -12,7 +12,11 @@ from typing import Any
 import numpy as np
 
 SOURCES = Path(__file__).parents[2] / "core" / "src"
-PARTS = ("model", "matrix", "tracked", "kinematics", "features", "layers", "network", "fingers", "errors")
+PARTS = (
+    "base/kinematics",
+    "products/matrix",
+    *(f"network/{part}" for part in ("model", "tracked", "features", "layers", "network", "fingers", "errors")),
+)
 FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fno-math-errno")
 BODY_POINTS, JOINTS, HAND_POINTS = 25, 22, 40
 

@@ -40,7 +40,7 @@ def test_a_filter_without_tests_fails(program: Path) -> None:
 @pytest.mark.skipif(find_spec("ziglang") is None or not shutil.which("node"), reason="needs ziglang and node")
 def test_the_golden_run_in_webassembly(tmp_path: Path) -> None:
     flags = ["--target=wasm32-wasi", "-msimd128", "-std=c11", "-O2", "-ffp-contract=off", "-fno-math-errno"]
-    sources = [*sorted((CORE / "src").glob("*.c")), CORE / "test" / "test.c"]
+    sources = [*sorted((CORE / "src").glob("*/*.c")), CORE / "test" / "test.c"]
     module = tmp_path / "test.wasm"
     subprocess.run([sys.executable, "-m", "ziglang", "cc", *flags, *sources, "-o", module, "-lm"], check=True)
     node = ["node", "--no-warnings", "--input-type=module", "-e", WASI, module]

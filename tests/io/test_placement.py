@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from smpl_people import SKELETON, betas_of, lowest_soles, made_up_model, save_walk, walk
+from people.smpl import SKELETON, betas_of, lowest_soles, made_up_model, save_walk, walk
 
 import bodysense as bs
 from bodysense.body.pose import Pose, forward_kinematics

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 from further_layouts import FURTHER
-from made_people import LYING, lying_clip
 from more_layouts import MORE
+from people.made import LYING, lying_clip
 from rig_files import held_still, mapped, motion, write
 from rig_layouts import LAYOUTS
 

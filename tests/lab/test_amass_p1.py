@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from people.smpl import betas_of, made_up_model, save_walk, walk
 from scipy.spatial.transform import Rotation
-from smpl_people import betas_of, made_up_model, save_walk, walk
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion.score.amass_p1 import listed_sources, measure, mpjpe_interval, read_clip

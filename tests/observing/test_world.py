@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_people import LYING, lying_clip
+from people.made import LYING, lying_clip
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY

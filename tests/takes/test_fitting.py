@@ -59,6 +59,32 @@ def test_tracked_ends_are_reached_and_other_limbs_are_unchanged(pose: Pose, end:
     assert set(np.flatnonzero(changed.any(axis=0)).tolist()) <= {tip, skeleton.parents[tip], first}
 
 
+@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize("height", [0.004, 0.007, 0.01])
+@pytest.mark.parametrize("stretch", [0.985, 0.99, 0.996])
+def test_knees_of_nearly_straight_legs_do_not_jump_where_they_are_hidden(
+    pose: Pose, stretch: float, height: float, backward: bool
+) -> None:
+    """The hips are too high; the knee is tracked in the first frames or in the last, the ankle in all."""
+    skeleton, measured = pose.skeleton, no_points(pose)[:40]
+    still = Pose(skeleton, np.repeat(pose.root_position[:1], 40, 0), np.repeat(pose.rotation[:1], 40, 0))
+    hip, knee, ankle = skeleton.indices(["left_hip", "left_knee", "left_ankle"])
+    longest = float(np.linalg.norm(skeleton.rest_offset[[knee, ankle]], axis=-1).sum())
+    straight = places_of(still)[0][:, hip] + [0.0, -stretch * longest, 0.0]
+    truth = places_of(still := reach(still, "left_ankle", straight))[0]
+    wrong = Pose(skeleton, still.root_position + np.array([0.0, height, 0.0]), still.rotation)
+    measured[:, ankle] = True
+    measured[20:, knee] = True
+    if not backward:
+        measured = measured[::-1].copy()
+    after = places_of(fit_limbs(wrong, truth, measured, SECONDS))[0]
+    assert np.linalg.norm(np.diff(after[:, knee], axis=0), axis=-1).max() < 0.01
+    missed = np.linalg.norm(after[:, ankle] - truth[:, ankle], axis=-1)
+    beyond = max(stretch * longest + height - longest, 0.0)  # m that the leg is too short for
+    assert missed.max() < height + 0.002
+    assert (missed[:10] if backward else missed[-10:]).max() < beyond + 0.002
+
+
 @pytest.mark.parametrize("gap", [slice(0, 20), slice(20, 60), slice(30, 33), slice(50, 90)])
 def test_offsets_of_measured_frames_fade_into_others(gap: slice) -> None:
     """An offset is continuous at an edge, 0 in the middle of a long gap, and unchanged in measured frames."""

@@ -133,7 +133,7 @@ def test_a_small_walking_body_is_not_taken_for_a_tall_seated_one() -> None:
 
 
 def test_a_known_height_that_the_head_contradicts_is_released() -> None:
-    person = Person(height=1.7, lengths={("left_hip", "left_knee"): Measured(0.45, 0.01)})
+    person = Person(height=Measured(1.7, 0.001), lengths={("left_hip", "left_knee"): Measured(0.45, 0.01)})
     found, state = statures(head_at(np.full(15 * RATE, 1.73)), person)
     assert abs(found[RATE] - 1.7) < 0.005 and not np.isclose(found[-1], 1.7, atol=0.1)
     assert state.contradicts_height() and state.person().height is None
@@ -141,6 +141,22 @@ def test_a_known_height_that_the_head_contradicts_is_released() -> None:
     assert not again.contradicts_height() and again.person().height is not None
     on_tiptoe, state = statures(head_at(np.full(5 * RATE, heads(1.7)[0] + 0.06)), Person(height=1.7))
     assert abs(on_tiptoe[-1] - 1.7) < 0.005 and not state.contradicts_height()
+
+
+@pytest.mark.parametrize("wrong", [-0.06, 0.06])
+def test_a_stated_height_yields_to_measured_bones(wrong: float) -> None:
+    """With every joint tracked, bones are the true ones and the height follows; without bones, the number holds."""
+    bones = default_skeleton().indices(("left_elbow", "left_wrist", "left_knee", "left_ankle"))
+    errors = []
+    for body in range(3):
+        height = float(stature(unseen_body(body).rest_offset)) + wrong
+        measured, _, truth = inferred(body, Person(height=height), EVERYTHING)
+        errors.append(float(stature(measured.rest_offset[-1]) - stature(truth)))
+        lengths = [np.linalg.norm(offset[bones], axis=-1) for offset in (measured.rest_offset[-1], truth)]
+        assert np.abs(lengths[0] - lengths[1]).max() < 0.012
+        unmeasured, _, _ = inferred(body, Person(height=height), SENSOR_SETS["head"])
+        assert stature(unmeasured.rest_offset[-1]) == pytest.approx(height, abs=2e-3)
+    assert abs(np.mean(errors)) < 0.65 * abs(wrong)
 
 
 def test_an_inferred_person_continues_with_the_same_proportions() -> None:

@@ -1,5 +1,7 @@
 """The tracker: whole recordings, streams and batches agree, measured points stay, and nothing jumps."""
 
+import pickle
+from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -15,8 +17,9 @@ from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rigid import RigidTransform
-from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
+from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.observing.observation import Observation
+from bodysense.observing.observation import observe as make_frame
 from bodysense.tracking.tracker import Tracker, TrackerSettings, step_together
 
 SETS = ("head", "three_point", "three_point_imu_feet", "four_point", "six_point", "ten_point", "headset_camera")
@@ -235,6 +238,51 @@ def test_memory_of_a_step_is_reused() -> None:
         BodysenseError, match="out has memory of other frames or people than the observation's 2 frames"
     ):
         tracker.step(seen[:2], start, out=last)
+
+
+@pytest.mark.parametrize("as_arrays", [False, True])
+def test_frames_of_observe_equal_frames_of_arrays(as_arrays: bool) -> None:
+    """The one block of a frame, its copies and separate arrays are the same numbers, also if they are changed."""
+    clip, rng = packaged_performance(), np.random.default_rng(3)
+    seen = observe(clip.pose, clip.time, SENSOR_SETS["three_point"])[:20]
+    tracker = Tracker(Person(height=1.7))
+    states = [tracker.start()] * 4
+    for t in range(len(seen)):
+        poses = {}
+        for k, name in enumerate(seen.points):
+            pair = (seen.position[t, k], seen.rotation[t, k])
+            pair = pair if as_arrays else tuple(values.tolist() for values in pair)
+            poses[name] = tuple(None if rng.random() < 0.2 else values for values in pair)
+        frame = make_frame(float(seen.time[t]), poses)
+        assert frame.block is not None
+        copies = [frame, pickle.loads(pickle.dumps(frame)), deepcopy(frame)]
+        for copy in copies:
+            copy.position[..., 1] += 0.01
+        copies.append(replace(frame))
+        assert all(copy.block is None for copy in copies[1:])
+        steps = [tracker.step(copy, state) for copy, state in zip(copies[1:], states[1:], strict=True)]
+        steps = [tracker.step(frame, states[0]), *steps]
+        states = [state for _, state in steps]
+        for estimate, state in steps[1:]:
+            np.testing.assert_array_equal(estimate.points, steps[0][0].points)
+            assert state.to_bytes() == states[0].to_bytes()
+
+
+def test_the_rotation_of_a_point_is_that_of_the_whole_pose() -> None:
+    clip = packaged_performance()
+    seen = observe(clip.pose, clip.time, SENSOR_SETS["three_point"])[:10]
+    tracker = Tracker()
+    estimate, _ = tracker.step(seen, tracker.start())
+    skeleton, world = estimate.pose.skeleton, np.asarray(quaternion_canonical(forward_kinematics(estimate.pose)[1]))
+    np.testing.assert_array_equal(skeleton.rest_offset, estimate.rest_offset[-1])
+    for k, name in enumerate(skeleton.points):
+        rotation = estimate[name].rotation
+        if k >= len(skeleton.joints):
+            assert rotation is None
+        else:
+            np.testing.assert_array_equal(rotation, world[:, k])
+    kept = pickle.loads(pickle.dumps(estimate))
+    np.testing.assert_array_equal(kept.pose.skeleton.rest_offset, skeleton.rest_offset)
 
 
 @pytest.mark.parametrize("name", ["three_point", "headset_camera"])

@@ -264,7 +264,7 @@ def example(project: Path, web: Path) -> Path:
 def test_the_example_shows_a_body_in_a_browser_without_body_tracking(
     scenario: Scenario, example: Path, tmp_path: Path
 ) -> None:
-    facts = scenario("xr_body", example, tmp_path)
+    facts = scenario("headset/xr_body", example, tmp_path)
     for name in ("first", "raised", "second"):
         body = facts[name]
         assert body["size"] == 83 and "body-tracking" in body["enabledFeatures"]

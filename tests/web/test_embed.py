@@ -32,7 +32,7 @@ def heard(scenario: Callable[..., dict[str, Any]], site: Path, waving_clip: Clip
     assert listing is not None
     (folder / "around.html").write_text(listing[1], encoding="utf-8")
     write_bvh(folder / "walk.bvh", waving_clip)
-    return scenario("embed", site, folder / "around.html", folder / "walk.bvh", folder / "embed.png")
+    return scenario("alone/embed", site, folder / "around.html", folder / "walk.bvh", folder / "embed.png")
 
 
 def test_the_listing_plays_a_motion(heard: dict[str, Any], waving_clip: Clip, folder: Path) -> None:

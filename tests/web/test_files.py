@@ -59,7 +59,7 @@ def made(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactor
     written = {"texts.npz": texts, "zeros.npz": zeros, "line.jsonl": line, "fortran.npz": fortran}
     for name, write in written.items():
         write(folder / name)
-    return scenario("files", site, folder, *(folder / name for name in written))["made"]
+    return scenario("alone/files", site, folder, *(folder / name for name in written))["made"]
 
 
 def test_motion_of_amass_in_fortrans_order_with_more_arrays_is_taken(made: dict[str, Any]) -> None:

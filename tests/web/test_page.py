@@ -36,7 +36,7 @@ def used(
 ) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("use")
     write_bvh(folder / "walk.bvh", waving_clip)
-    return folder, scenario("use", site, folder, folder / "walk.bvh")
+    return folder, scenario("alone/use", site, folder, folder / "walk.bvh")
 
 
 Used = tuple[Path, dict[str, Any]]
@@ -50,9 +50,9 @@ def test_a_visit_fetches_little(used: Used, record_property: Record) -> None:
 
 
 def test_a_person_moves_soon(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    first = scenario("first", site, tmp_path / "first.png")
+    first = scenario("alone/first", site, tmp_path / "first.png")
     if first["moving"] >= SOON:
-        first = scenario("first", site, tmp_path / "first.png")
+        first = scenario("alone/first", site, tmp_path / "first.png")
     assert first["words"] < first["moving"] < SOON
     assert not set(first["before"]) & {"avatar.js", "avatar.vrm.gz"}
     assert picture_of(tmp_path / "first.png")[:, 560:720].std() > 20  # a body is drawn
@@ -111,7 +111,7 @@ def test_the_saved_gltf_is_an_armature(used: Used) -> None:
 
 
 def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    facts = scenario("headset", site, tmp_path)
+    facts = scenario("headset/headset", site, tmp_path)
     assert "as soon as your head is tracked" in facts["before"]
     assert facts["controllers"]["notice"] == "You are measured."
     assert "43 points" in facts["hands"]["summary"]  # the head, two wrists, and 20 points a hand
@@ -128,13 +128,13 @@ def test_a_wearer_sees_themselves_and_keeps_their_take(scenario: Scenario, site:
 
 
 def test_vr_can_be_entered_again_and_again(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    facts = scenario("again", site, tmp_path)
+    facts = scenario("headset/again", site, tmp_path)
     assert facts["entries"] == [True, True, True]
     assert facts["isOver"]
 
 
 def test_a_headset_is_followed_at_its_own_rate_without_growth(scenario: Scenario, site: Path) -> None:
-    facts = scenario("endurance", site, 20)
+    facts = scenario("headset/endurance", site, 20)
     assert facts["rate"] > 50  # Hz, of 72, on a busy machine; docs/page.md has ten minutes
     assert facts["p50"] < 10  # ms
     assert facts["page"]["p50"] < 10  # ms of a frame on the page's own thread: it waits for no step
@@ -148,7 +148,7 @@ Kept = tuple[Path, dict[str, Any]]
 @pytest.fixture(scope="module")
 def kept(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactory) -> Kept:
     folder = tmp_path_factory.mktemp("kept")
-    return folder, scenario("kept", site, folder / "take.bvh")
+    return folder, scenario("alone/kept", site, folder / "take.bvh")
 
 
 def test_a_take_is_there_after_a_reload(kept: Kept) -> None:
@@ -179,7 +179,7 @@ def test_a_body_goes_by_a_bridge_to_an_avatar(scenario: Scenario, site: Path) ->
         avatar.settimeout(1)
         out = f"127.0.0.1:{avatar.getsockname()[1]}"
         with served("--bridge", "--vmc-out", out, found=r"ws://\S+") as address:
-            facts = scenario("bridge", site, address)
+            facts = scenario("server/bridge", site, address)
         packets = [avatar.recv(2000) for _ in range(10)]
     assert any(b"/VMC/Ext/Bone/Pos" in packet for packet in packets)
     assert facts["before"]["address"] == address
@@ -220,7 +220,7 @@ def address(waving_clip: Clip, tmp_path_factory: pytest.TempPathFactory) -> Iter
 def test_a_servers_replay_is_watched_and_parts_are_switched_off(
     scenario: Scenario, address: str, tmp_path: Path
 ) -> None:
-    facts = scenario("watch", address, tmp_path / "watch.png")
+    facts = scenario("server/watch", address, tmp_path / "watch.png")
     assert facts["before"]["source"] == "The server's own input"
     errors = [
         float(found.group(1))
@@ -232,7 +232,7 @@ def test_a_servers_replay_is_watched_and_parts_are_switched_off(
 
 
 def test_errors_of_a_server_are_reported_in_one_line(scenario: Scenario, site: Path) -> None:
-    facts = scenario("refusals", site)["notices"]
+    facts = scenario("server/refusals", site)["notices"]
     reason = "messages of version 1; this server speaks version 2: load its page again, or use its client"
     assert facts["refused"] == {"text": reason, "canRetry": True}
     for case in ("nonsense", "cut"):
@@ -242,7 +242,7 @@ def test_errors_of_a_server_are_reported_in_one_line(scenario: Scenario, site: P
 
 
 def test_a_line_that_breaks_is_taken_up_again(scenario: Scenario, site: Path) -> None:
-    facts = scenario("resume", site)
+    facts = scenario("server/resume", site)
     resumed = [hello["resume"] for hello in facts["hellos"] if hello["watch"] == "replay"]
     assert len(resumed) == 3 and resumed[0] is None
     assert resumed[1] == resumed[2] == {"session": "s1", "token": "t1"}
@@ -251,7 +251,7 @@ def test_a_line_that_breaks_is_taken_up_again(scenario: Scenario, site: Path) ->
 
 @pytest.fixture(scope="module")
 def behind_a_server(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    return scenario("served", site, tmp_path_factory.mktemp("served"))
+    return scenario("server/served", site, tmp_path_factory.mktemp("served"))
 
 
 def test_the_page_of_a_server_opens_on_the_performance_until_an_input_comes(behind_a_server: dict[str, Any]) -> None:
@@ -280,7 +280,7 @@ def linked(
 ) -> tuple[Path, dict[str, Any]]:
     folder = tmp_path_factory.mktemp("linked")
     write_bvh(folder / "walk.bvh", waving_clip)
-    return folder, scenario("linked", site, folder / "walk.bvh", folder / "clear.png")
+    return folder, scenario("alone/linked", site, folder / "walk.bvh", folder / "clear.png")
 
 
 def test_an_address_names_motion_avatar_and_a_background_that_is_none(linked: Used) -> None:

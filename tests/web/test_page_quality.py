@@ -15,7 +15,7 @@ Scenario = Callable[..., dict[str, Any]]
 
 @pytest.fixture(scope="module")
 def checked(scenario: Scenario, site: Path) -> dict[str, Any]:
-    return scenario("checks", site)
+    return scenario("alone/checks", site)
 
 
 def test_head_says_what_the_page_is(checked: dict[str, Any]) -> None:
@@ -62,14 +62,14 @@ def test_a_second_visit_fetches_nothing(checked: dict[str, Any]) -> None:
 
 
 def test_whatever_goes_wrong_is_one_sentence(scenario: Scenario, site: Path) -> None:
-    notices = scenario("faults", site)["notices"]
+    notices = scenario("alone/faults", site)["notices"]
     assert len(notices) == 14
     for text in notices.values():
         assert "\n" not in text and 20 < len(text) < 200 and text.endswith(".")
 
 
 def test_words_are_plain_in_every_state(scenario: Scenario, site: Path, tmp_path: Path) -> None:
-    words = "\n".join(scenario("words", site, tmp_path)["read"])  # the fixture refuses jargon
+    words = "\n".join(scenario("alone/words", site, tmp_path)["read"])  # the fixture refuses jargon
     for state in (
         "Getting ready…",
         "Only a headset and two controllers are tracked",

@@ -22,7 +22,7 @@ Visit = tuple[Path, dict[str, Any]]
 @pytest.fixture(scope="module")
 def visit(scenario: Scenario, site: Path, tmp_path_factory: pytest.TempPathFactory) -> Visit:
     folder = tmp_path_factory.mktemp("wearer")
-    return folder, scenario("wearer", site, folder)
+    return folder, scenario("headset/wearer", site, folder)
 
 
 def body_of(path: Path) -> tuple[float, np.ndarray]:

@@ -219,7 +219,7 @@ export class App {
   }
 
   private async watchWebcam(): Promise<void> {
-    const { openWebcam } = await import("./sources/webcam"); // MediaPipe is fetched when it is wanted
+    const { openWebcam } = await import("./sources/webcam/webcam"); // MediaPipe is fetched when it is wanted
     const before = this.source;
     const source = await openWebcam(this.base, this.live, (text) =>
       text === null ? this.notice.clear() : this.notice.fault(text),

@@ -30,6 +30,7 @@ SOLE = 0.05  # m; largest height of a skeleton's lowest point above the sole
 SENSOR = "_imu"  # suffix of a joint that carries an inertial sensor
 CROWN, FLOOR = "crown", "floor"  # ends of a height, in a file
 EXACT_DEVIATION = 0.001  # m; standard deviation of a length that is given without one
+HEIGHT_DEVIATION = 0.025  # m; of a height that is given without one: hair, shoes, the time of day, a rounded memory
 
 
 @dataclass(frozen=True, eq=False, init=False)
@@ -64,10 +65,10 @@ class Person:
 
         Args:
             skeleton: the wearer's proportions, if they are known.
-            height: stature in metres, from the floor to the crown, without shoes. A plain number is known to 1 mm;
-                `Measured(1.75, 0.02)` is known to 2 cm.
+            height: stature in metres, from the floor to the crown, without shoes. A plain number is known to 2.5 cm, so
+                that measured points count more; `Measured(1.75, 0.001)` is known to 1 mm.
             lengths: distances between two points of the T-pose, by the points' names: `{("left_hip", "left_knee"):
-                0.43}`, metres, as for `height`.
+                0.43}`, metres. A plain number is known to 1 mm.
             bone_deviation: standard deviation (P,), metres, of the length of every point's bone; 0 for all points
                 of a known skeleton.
             hands: hands by side, 'left' and 'right', from a calibration of their gloves; they replace the skeleton's.
@@ -268,7 +269,8 @@ class Person:
 def _measured(value: Measured | float, what: str) -> Measured:
     """Return a length with its deviation. Raises BodysenseError for an impossible height."""
     expect(value, (Measured, float, int, np.number), f"person: {what}", "a number of metres, such as 1.75")
-    length = value if isinstance(value, Measured) else Measured(float(value), EXACT_DEVIATION)
+    usual = HEIGHT_DEVIATION if what == "height" else EXACT_DEVIATION
+    length = value if isinstance(value, Measured) else Measured(float(value), usual)
     if what == "height" and not SHORTEST <= length.value <= TALLEST:
         raise BodysenseError(
             f"person: height {length.value:g} m; people are {SHORTEST} to {TALLEST} m high, give metres"
@@ -289,7 +291,8 @@ def _estimate(lengths: Mapping[tuple[str, str], Measured], height: Measured | No
     def smaller(length: Measured) -> Measured:
         return Measured(length.value / scale, length.deviation / scale)
 
-    return space.likeliest({pair: smaller(length) for pair, length in lengths.items()}, smaller(height)), scale
+    smaller_lengths = {pair: smaller(length) for pair, length in lengths.items()}
+    return space.likeliest(smaller_lengths, smaller(height), is_stated=True), scale
 
 
 def _scaled(estimate: ShapeEstimate, scale: float) -> Skeleton:

@@ -113,6 +113,18 @@ def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     )
 
 
+def world_rotation(pose: Pose, joint: int) -> Array:
+    """Return the world rotation (..., 4) of one joint of a pose, by its index: that of `forward_kinematics`."""
+    parents = pose.skeleton.parents
+    chain = [joint]
+    while parents[chain[-1]] >= 0:
+        chain.append(parents[chain[-1]])
+    rotation = pose.rotation[..., chain.pop(), :]
+    while chain:
+        rotation = quaternion_multiply(rotation, pose.rotation[..., chain.pop(), :])
+    return rotation
+
+
 def local_rotation(skeleton: Skeleton, world_rotation: Array) -> Array:
     """Return parent-relative rotations from world rotations: (..., J, 4) → (..., J, 4)."""
     xp = array_namespace(world_rotation)

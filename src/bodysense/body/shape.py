@@ -114,7 +114,11 @@ class ShapeSpace:
         return stature(self.offsets(coefficients))
 
     def likeliest(
-        self, lengths: Mapping[tuple[str, str], Measured] | None = None, height: Measured | None = None
+        self,
+        lengths: Mapping[tuple[str, str], Measured] | None = None,
+        height: Measured | None = None,
+        *,
+        is_stated: bool = False,
     ) -> ShapeEstimate:
         """Return the likeliest shape given measured lengths, with its remaining uncertainty.
 
@@ -126,6 +130,8 @@ class ShapeSpace:
             lengths: distances between two points in the rest pose, by the points' names, such as
                 ("left_hip", "left_ankle").
             height: stature, from the floor to the crown, without shoes.
+            is_stated: whether the height is what somebody said, which replaces the distribution of the population's
+                statures: without lengths, the likeliest shape has that height.
 
         Raises BodysenseError for an unknown point, and for a point's distance from itself.
         """
@@ -135,6 +141,8 @@ class ShapeSpace:
         if height is not None:  # only its vertical part counts
             start[-1, [0, 2]] = 0.0
             slope[-1, :, [0, 2]] = 0.0
+            if is_stated:
+                value[-1] += (value[-1] - start[-1, 1]) * deviation[-1] ** 2 / (slope[-1, :, 1] ** 2).sum()
         coefficients = np.zeros(self.size)
         precision = np.eye(self.size)
         for _ in range(20):

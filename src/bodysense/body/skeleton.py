@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
+from math import isfinite
 
 import numpy as np
 
@@ -153,7 +154,9 @@ class Skeleton:
     def with_offsets(self, rest_offset: np.ndarray) -> Skeleton:
         """Return the skeleton with other rest offsets (P, 3), metres."""
         offset = np.array(rest_offset, dtype=np.float64)
-        if offset.shape != self.rest_offset.shape or not np.isfinite(offset).all():
+        if offset.shape != self.rest_offset.shape or not (
+            isfinite(np.vdot(offset, offset)) or np.isfinite(offset).all()  # the first is faster
+        ):
             return replace(self, rest_offset=offset)  # raises the error
         offset.setflags(write=False)
         other = object.__new__(Skeleton)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from math import isfinite, isnan, nan
+from math import inf, isfinite, isnan, nan
 from reprlib import repr as brief
 from typing import TYPE_CHECKING, Any
 
@@ -76,6 +76,12 @@ class Observation:
     # (..., T, P, 3) m/s², world, without gravity: inertial sensors on the bones that begin at their points. NaN:
     # missing. None: no point has a sensor.
     acceleration: np.ndarray | None = None
+    # Memory of a frame that `observe` made: position, rotation, accuracy and time, and both masks, one after the other.
+    block: tuple[np.ndarray, bytearray] | None = field(default=None, init=False, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields without `block`: a copy's arrays are no longer parts of it."""
+        return {**self.__dict__, "block": None}
 
     def __getitem__(self, key: slice) -> Observation:
         """Return the frames `key` (a slice) of all people."""
@@ -187,47 +193,56 @@ def _plain_frame(time: float, poses: Mapping[str, Any], accuracy: float | None) 
     points = tuple(poses)
     numbers: list[Any] = []
     rotations: list[Any] = []
-    placed, turned = bytearray(), bytearray()
-    low, high = [FARTHEST] * 3, [-FARTHEST] * 3
+    across, upward, along = [], [], []
+    masks = bytearray()
     try:
-        for position, rotation in poses.values():
-            placed.append(position is not None)
-            turned.append(rotation is not None)
+        for position, _ in poses.values():
+            masks.append(position is not None)
             if position is None:
                 numbers += _NO_POSITION
-            else:
-                x, y, z = position
-                if not (abs(x) <= FARTHEST and abs(y) <= _HIGHEST_HEAD and abs(z) <= FARTHEST):
-                    return None
-                low, high = [*map(min, low, position)], [*map(max, high, position)]
-                numbers += (x, y, z)
+                continue
+            x, y, z = position.tolist() if isinstance(position, np.ndarray) else position
+            if not (abs(x) <= FARTHEST and abs(y) <= _HIGHEST_HEAD and abs(z) <= FARTHEST):
+                return None
+            across.append(x)
+            upward.append(y)
+            along.append(z)
+            numbers += (x, y, z)
+        for _, rotation in poses.values():
+            masks.append(rotation is not None)
             if rotation is None:
                 rotations += _NO_ROTATION
-            else:
-                w, i, j, k = rotation
-                if not abs(w * w + i * i + j * j + k * k - 1) < UNIT_TOLERANCE:
-                    return None
-                rotations += (w, i, j, k)
+                continue
+            w, i, j, k = rotation.tolist() if isinstance(rotation, np.ndarray) else rotation
+            if not abs(w * w + i * i + j * j + k * k - 1) < UNIT_TOLERANCE:
+                return None
+            rotations += (w, i, j, k)
+        if not (points and isfinite(time) and (accuracy is None or 0 < accuracy < inf)):
+            return None
+        if across and not (
+            max(across) - min(across) <= _COMPACT
+            and max(upward) - min(upward) <= _COMPACT
+            and max(along) - min(along) <= _COMPACT
+        ):
+            return None
         usual = _usual_accuracies(points) if accuracy is None else (accuracy,) * len(points)
-        if not (points and isfinite(time) and all(0 < each < np.inf for each in usual)):
-            return None
-        if any(b - a > _COMPACT for a, b in zip(low, high, strict=True)):
-            return None
         count = len(points)
         whole = np.array((*numbers, *rotations, *usual, time), dtype=np.float64)
     except (TypeError, ValueError):  # several people, or values that are explained with their names
         return None
     if whole.ndim != 1:
         return None
-    return Observation(
+    made = Observation(
         points,
-        whole[: 3 * count].reshape(1, count, 3),
-        whole[3 * count : 7 * count].reshape(1, count, 4),
-        np.frombuffer(placed, np.bool_).reshape(1, count),
-        np.frombuffer(turned, np.bool_).reshape(1, count),
-        whole[7 * count : 8 * count].reshape(1, count),
-        whole[8 * count :],
+        np.ndarray((1, count, 3), np.float64, whole),
+        np.ndarray((1, count, 4), np.float64, whole, 24 * count),
+        np.ndarray((1, count), np.bool_, masks),
+        np.ndarray((1, count), np.bool_, masks, count),
+        np.ndarray((1, count), np.float64, whole, 56 * count),
+        np.ndarray((1,), np.float64, whole, 64 * count),
     )
+    object.__setattr__(made, "block", (whole, masks))
+    return made
 
 
 @lru_cache(maxsize=64)
@@ -361,6 +376,8 @@ def _keeps_height(heights: np.ndarray) -> bool:
 
 def check_shapes(observation: Observation, name: str = "observation") -> None:
     """Raise BodysenseError, naming the fix, for arrays of inconsistent shapes. Values are not checked."""
+    if observation.block is not None:
+        return
     frames, count = len(observation.time), len(observation.points)
     if len(set(observation.points)) != count:
         raise BodysenseError(f"{name}: a point is named twice; names must differ")
@@ -376,10 +393,10 @@ def check_shapes(observation: Observation, name: str = "observation") -> None:
     }
     if observation.acceleration is not None:
         expected["acceleration"] = (*lead, 3)
-    for field, wanted in expected.items():
-        shape = getattr(observation, field).shape
+    for member, wanted in expected.items():
+        shape = getattr(observation, member).shape
         if shape != wanted:
-            raise BodysenseError(f"{name}: {field} has shape {shape}; {frames} frames of {count} points need {wanted}")
+            raise BodysenseError(f"{name}: {member} has shape {shape}; {frames} frames of {count} points need {wanted}")
 
 
 def check_observation(observation: Observation, name: str = "observation", farthest: float = FARTHEST) -> Observation:
@@ -432,14 +449,14 @@ def _is_valid(observation: Observation, farthest: float) -> bool:
 
 def _raise_invalid(observation: Observation, name: str, farthest: float) -> None:
     """Raise BodysenseError for the first invalid tracked value."""
-    for mask, field in (("has_position", "position"), ("has_rotation", "rotation")):
+    for mask, member in (("has_position", "position"), ("has_rotation", "rotation")):
         present = getattr(observation, mask)
-        broken = present & ~np.isfinite(getattr(observation, field)).all(axis=-1)
+        broken = present & ~np.isfinite(getattr(observation, member)).all(axis=-1)
         if broken.any():
             *_, frame, point = np.argwhere(broken)[0]
             raise BodysenseError(
                 f"{name}: {mask} says that {observation.points[point]!r} is tracked at frame {frame}, "
-                f"but its {field} is not finite; clear the mask there"
+                f"but its {member} is not finite; clear the mask there"
             )
     with np.errstate(invalid="ignore"):
         far = observation.has_position & ~(np.abs(observation.position).max(axis=-1, initial=0.0) <= farthest)

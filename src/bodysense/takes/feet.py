@@ -21,7 +21,7 @@ HOVER, LOWERING = 0.01, 0.2  # m above the floor from which a standing foot is l
 LOW, LOWEST = 0.3, 0.7  # probabilities of contact from which a foot is lowered a little, and completely
 STILL, LASTING = 0.6, 0.3  # reduction of `HOVER` for a body that stands still (a share); s for which it must do so
 FARTHEST_DOWN = 0.15  # m; largest lowering of both feet of a standing body
-# The rule of the core (core/src/legs.c) for bodies whose feet carry them.
+# The rule of the core (core/src/limbs/legs.c) for bodies whose feet carry them.
 LOW_HEAD, SEATED = 0.71, 0.76  # of a standing head's height: it sits low, kneels or lies; it stands or sits on a chair
 STRETCHED = 0.92  # of it; a body lands from a jump with a head that is higher
 STEADY = 0.7  # m/s; a head that moves up or down faster belongs to a body that jumps

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.reach import reach_all
+from bodysense.body.reach import reach, reach_all
 from bodysense.body.skeleton import FINGERS, Skeleton
 from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import (
@@ -24,6 +24,8 @@ from bodysense.geometry.rotation import (
 Array = np.ndarray
 FADE_TIME = 0.25  # s in which a limb moves to its tracked position, and away from it
 STRAIGHT = 0.02  # m from the line of a limb to its middle joint; nearer ones do not determine how the limb is turned
+NEARLY_STRAIGHT = 0.97  # of a leg's length; a shorter one bends little for a small change of its length
+MISS = 0.01  # m; largest distance by which a tracked ankle is missed to ease the bend of its leg
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 
 
@@ -73,6 +75,7 @@ def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pos
     """
     skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
     tips = {end: skeleton.index(end) for end in ENDS}
+    legs = {tip for end, tip in tips.items() if end.endswith("ankle")}
     goals = {end: np.where(measured[:, [tip]], points[:, tip], position[:, tip]) for end, tip in tips.items()}
     bent = reach_all(pose, goals)
     rotation = np.array(pose.rotation)
@@ -85,11 +88,62 @@ def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pos
         seen, ends = measured[:, middle], measured[:, tip]
         if seen.any():
             angle = fade_offsets(_swivel(met, tip, points)[:, None], seen, seconds)[:, 0]
+            _turn_at_middle(met[seen], tip, points[seen], seen, rotation)
+            if tip in legs:  # hands are met, as they touch things
+                met = _ease_stretch(met, tip, seen, ends, seconds, rotation)
             beside = ends & ~seen & (angle != 0)
             _turn_about_limb(met[beside], tip, angle[beside], beside, rotation)
-            _turn_at_middle(met[seen], tip, points[seen], seen, rotation)
         _fade_turns(pose, world, tip, seen | ends, seconds, rotation)
     return Pose(skeleton, pose.root_position, rotation)
+
+
+def _ease_stretch(met: Pose, tip: int, seen: Array, ends: Array, seconds: float, rotation: Array) -> Pose:
+    """Ease the stretch of nearly straight legs where their knee comes or goes and their ankle stays tracked.
+
+    If the hip is 8 mm too far from the ankle, a measured knee keeps its bend and the ankle misses its point. A hidden
+    knee would jump by 4 cm, because the ankle alone decides. So the ankle misses its point in these frames, too, by
+    `MISS` at most, and less and less.
+
+    Args:
+        met: (T,) with the ends of limbs at their points.
+        tip: the ankle.
+        seen: (T,) bool: the knee is tracked; `rotation` bends the leg to it.
+        ends: (T,) bool: the ankle is tracked.
+        seconds: time between frames.
+        rotation: (T, J, 4) local rotations, which are written.
+
+    Returns:
+        The pose `met`, changed in frames with a hidden knee.
+    """
+    skeleton, start = met.skeleton, met.skeleton.parents[met.skeleton.parents[tip]]
+    lengths = skeleton.rest_offset[[skeleton.parents[tip], tip]]
+    longest = float(np.linalg.norm(lengths, axis=-1).sum())
+    position = np.asarray(forward_kinematics(Pose(skeleton, met.root_position, rotation))[0])
+    along = position[:, tip] - position[:, start]
+    length = np.linalg.norm(along, axis=-1)
+    jump = np.zeros(len(seen))  # m, what eases the jump of the length into frames with a hidden knee
+    for first, end in runs(~seen):
+        for inside, edge, step in ((first, first - 1, -1), (end - 1, end, 1)):
+            before = edge + step
+            if not (0 <= edge < len(seen) and ends[inside] and ends[edge]):
+                continue
+            if min(length[inside], length[edge]) < NEARLY_STRAIGHT * longest:
+                continue
+            pace = length[edge] - length[before] if 0 <= before < len(seen) and seen[before] and ends[before] else 0.0
+            off = float(np.clip(length[edge] + pace - length[inside], -MISS, MISS))
+            steps = np.arange(1, end - first + 1)[::-step]
+            share = 1 - smooth_step(np.clip(steps / max(1, round(FADE_TIME / seconds)), 0.0, 1.0))
+            jump[first:end] += off * share
+    beside = ends & ~seen & (jump != 0)
+    if not beside.any():
+        return met
+    goal = position[:, start] + along * ((length + jump) / np.maximum(length, 1e-9))[:, None]
+    bent = reach(met[beside], skeleton.points[tip], goal[beside])
+    turned = np.array(met.rotation)
+    turned[beside] = bent.rotation
+    for joint in (start, skeleton.parents[tip], tip):
+        rotation[beside, joint] = bent.rotation[:, joint]
+    return Pose(skeleton, met.root_position, turned)
 
 
 def _fade_turns(pose: Pose, world: Array, tip: int, tracked: Array, seconds: float, rotation: Array) -> None:

@@ -8,6 +8,7 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from struct import pack
 from typing import Any
 
 import numpy as np
@@ -304,7 +305,7 @@ class Model:
         for own, state in zip(after, states, strict=True):
             if own is not state:
                 own[:] = state
-        scratch, refused = self._scratch_for(people), ctypes.c_int()
+        (scratch, size, _), refused = self._scratch_for(people), ctypes.c_int()
         result = library().bs_step(
             self.pointer,
             ctypes.byref(settings),
@@ -312,18 +313,19 @@ class Model:
             structs,
             (_Pointer * people)(*map(address, after)),
             made.structs,
-            address(scratch),
-            len(scratch),
+            scratch,
+            size,
             ctypes.byref(refused),
         )
         return result, refused.value, made, after
 
-    def _scratch_for(self, people: int) -> np.ndarray:
-        """Return scratch memory of this thread for a step of `people` people."""
-        own: np.ndarray | None = getattr(self._scratch, "memory", None)
-        size = library().bs_scratch_size(self.pointer, people)
-        if own is None or len(own) < size:
-            own = self._scratch.memory = empty(size)
+    def _scratch_for(self, people: int) -> tuple[int, int, np.ndarray]:
+        """Return address, bytes and memory of this thread's scratch for a step of `people` people."""
+        own: tuple[int, int, np.ndarray] | None = getattr(self._scratch, "largest", None)
+        if own is None or people > self._scratch.people:
+            memory = empty(library().bs_scratch_size(self.pointer, people))
+            own = self._scratch.largest = (address(memory), len(memory), memory)
+            self._scratch.people = people
         return own
 
 
@@ -344,20 +346,35 @@ def copied(state: np.ndarray) -> np.ndarray:
     return memory
 
 
-def _observations(observations: Sequence[Observation]) -> tuple[ctypes.Array, list[np.ndarray]]:
-    """Return structs of observations (T, P, …), and the arrays to which they point, which must outlive them."""
+def _observations(observations: Sequence[Observation]) -> tuple[ctypes.Array, list[Any]]:
+    """Return structs of observations (T, P, …), and the memory to which they point, which must outlive them."""
     rows, keep = [], []
     for one in observations:
-        numbers = (one.time, one.position, one.rotation, one.accuracy, one.acceleration)
-        masks = (one.has_position, one.has_rotation)
-        arrays = [None if values is None else np.ascontiguousarray(values, np.float64) for values in numbers]
-        arrays += [np.ascontiguousarray(values, np.bool_) for values in masks]
-        time, position, rotation, accuracy, acceleration, has_position, has_rotation = map(_place, arrays)
         frames, points = one.has_position.shape
-        point = point_indices(one.points)
-        fields = (_place(point), time, position, rotation, has_position, has_rotation, accuracy, acceleration)
-        rows.append(ObservationStruct(frames, points, *fields))
-        keep += [*arrays, point]
+        point, names = _point_indices(one.points)
+        block = one.block
+        if block is not None:
+            first, number = address(block[0]), 8 * frames * points
+            masks = ctypes.addressof(ctypes.c_char.from_buffer(block[1]))
+            fields = (
+                first + 8 * number,
+                first,
+                first + 3 * number,
+                masks,
+                masks + frames * points,
+                first + 7 * number,
+                None,
+            )
+            keep.append((block, names))
+        else:
+            numbers = (one.time, one.position, one.rotation, one.accuracy, one.acceleration)
+            masks = (one.has_position, one.has_rotation)
+            arrays = [None if values is None else np.ascontiguousarray(values, np.float64) for values in numbers]
+            arrays += [np.ascontiguousarray(values, np.bool_) for values in masks]
+            time, position, rotation, accuracy, acceleration, has_position, has_rotation = map(_place, arrays)
+            fields = (time, position, rotation, has_position, has_rotation, accuracy, acceleration)
+            keep.append((arrays, names))
+        rows.append(ObservationStruct(frames, points, point, *fields))
     return (ObservationStruct * len(rows))(*rows), keep
 
 
@@ -372,35 +389,38 @@ def _place(values: np.ndarray | None) -> int | None:
 class Outputs:
     """Memory of the estimates of B people in T frames."""
 
-    arrays: dict[str, np.ndarray]  # (B, T, …) by the names of `ESTIMATE`
-    structs: ctypes.Array  # `bs_estimate` of each person: 8 pointers
+    shape: tuple[int, int]  # B and T
+    memory: np.ndarray  # (B, N) bytes of each person
+    structs: bytes  # `bs_estimate` of each person: 8 pointers
 
     @classmethod
     def of(cls, people: int, frames: int) -> Outputs:
         """Return new memory."""
-        parts, starts, size = _layout(frames)
+        _, starts, size = _layout(frames)
         memory = np.empty((people, size), np.uint8)
-        arrays = {
-            name: np.ndarray((people, *shape), kind, memory, start, (size, *strides))
-            for name, kind, start, shape, strides in parts
-        }
         first = address(memory)
         pointers = [row + start for row in range(first, first + people * size, size) for start in starts]
-        return cls(arrays, (_Pointer * len(pointers))(*pointers))
+        return cls((people, frames), memory, pack(f"{len(pointers)}P", *pointers))
 
-    @property
-    def shape(self) -> tuple[int, int]:
-        """B and T."""
-        people, frames = self.arrays["contact"].shape[:2]
-        return people, frames
+    @cached_property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Arrays (B, T, …) by the names of `ESTIMATE`."""
+        parts, _, size = _layout(self.shape[1])
+        return {
+            name: np.ndarray((self.shape[0], *shape), kind, self.memory, start, (size, *strides))
+            for name, kind, start, shape, strides in parts
+        }
 
     @cached_property
     def of_first(self) -> dict[str, np.ndarray]:
         """Arrays (T, …) of the first person."""
-        return {name: values[0] for name, values in self.arrays.items()}
+        memory = self.memory
+        return {
+            name: np.ndarray(shape, kind, memory, start) for name, kind, start, shape, _ in _layout(self.shape[1])[0]
+        }
 
 
-_Part = tuple[str, type, int, tuple[int, ...], tuple[int, ...]]
+_Part = tuple[str, np.dtype, int, tuple[int, ...], tuple[int, ...]]
 
 
 @lru_cache(maxsize=16)
@@ -412,12 +432,16 @@ def _layout(frames: int) -> tuple[list[_Part], list[int], int]:
     parts, size = [], 0
     for name, shape in ESTIMATE.items():
         like = np.empty((frames, *shape), np.bool_ if name == "measured" else np.float64)
-        parts.append((name, like.dtype.type, size, like.shape, like.strides))
+        parts.append((name, like.dtype, size, like.shape, like.strides))
         size += -(-like.nbytes // 8) * 8
     return parts, [start for _, _, start, _, _ in parts], size
 
 
 @lru_cache(maxsize=256)
-def point_indices(points: tuple[str, ...]) -> np.ndarray:
-    """Return the core's indices (P,) of points. Raises BodysenseError for unknown points."""
-    return default_skeleton().indices(points).astype(np.int32)
+def _point_indices(points: tuple[str, ...]) -> tuple[int, np.ndarray]:
+    """Return the address of the core's indices (P,) of points, and their memory.
+
+    Raises BodysenseError for unknown points.
+    """
+    indices = default_skeleton().indices(points).astype(np.int32)
+    return address(indices), indices

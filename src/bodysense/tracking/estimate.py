@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.pose import Pose, world_rotation
+from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_canonical
 
@@ -16,6 +17,30 @@ if TYPE_CHECKING:
     from bodysense.tracking.core import Outputs
 
 CONTACT_POINTS = ("left_ankle", "right_ankle", "left_foot", "right_foot")  # the feet are the balls
+
+
+class TrackedPose(Pose):
+    """A pose on the proportions of its last frame. Its skeleton is made on first use: most frames are not asked."""
+
+    @classmethod
+    def of(cls, rest_offset: np.ndarray, root_position: np.ndarray, rotation: np.ndarray) -> TrackedPose:
+        """Return the pose of a body with rest offsets (P, 3) m; the other arguments are those of `Pose`."""
+        made = object.__new__(cls)
+        made.__dict__.update(root_position=root_position, rotation=rotation, _rest_offset=rest_offset)
+        return made
+
+    def __getattr__(self, name: str) -> Skeleton:
+        """Return the skeleton; called until it is made."""
+        if name != "skeleton":
+            raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+        made = self.__dict__["skeleton"] = _skeleton_with(self.__dict__["_rest_offset"].tobytes())
+        return made
+
+
+@lru_cache(maxsize=256)
+def _skeleton_with(offset: bytes) -> Skeleton:
+    """Return the skeleton with rest offsets (P, 3) float64; cached, so that equal proportions share one object."""
+    return default_skeleton().with_offsets(np.frombuffer(offset).reshape(-1, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +52,18 @@ class EstimatedPoint:
     measured: np.ndarray  # (..., T) bool: position is measured
     confidence: np.ndarray  # (..., T) m, expected position error, calibrated
     bound: np.ndarray  # (..., T) m, bound of the position error in 90 % of cases
-    rotation: np.ndarray | None  # (..., T, 4) wxyz, world ← joint; None for end sites, which do not turn
+    pose: Pose = field(repr=False)  # the whole body's
 
     def __repr__(self) -> str:
         frames = "×".join(map(str, self.measured.shape))
         return f"EstimatedPoint({self.name}, {frames} frames, expected error {100 * self.confidence.mean():.1f} cm)"
+
+    @cached_property
+    def rotation(self) -> np.ndarray | None:
+        """(..., T, 4) wxyz, world ← joint; None for end sites, which do not turn."""
+        skeleton = self.pose.skeleton
+        k = skeleton.index(self.name)
+        return None if k >= len(skeleton.joints) else np.asarray(quaternion_canonical(world_rotation(self.pose, k)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,15 +87,14 @@ class Estimate:
 
     def __getitem__(self, name: str) -> EstimatedPoint:
         """Return a point by its name. Raises BodysenseError, with the nearest names, for an unknown one."""
-        skeleton = self.pose.skeleton
-        k = skeleton.index(name)
+        k = self.pose.skeleton.index(name)
         return EstimatedPoint(
             name,
             self.points[..., k, :],
             self.measured[..., k],
             self.confidence[..., k],
             self.bound[..., k],
-            self._world_rotation[..., k, :] if k < len(skeleton.joints) else None,
+            self.pose,
         )
 
     def __repr__(self) -> str:
@@ -71,11 +102,6 @@ class Estimate:
         of = "".join(f"{count} people, " for count in people) + ("1 frame" if frames == 1 else f"{frames} frames")
         measured, error = self.measured.mean(), 100 * self.confidence.mean()
         return f"Estimate({of} of {points} points, {measured:.0%} measured, expected error {error:.1f} cm)"
-
-    @cached_property
-    def _world_rotation(self) -> np.ndarray:
-        """(..., T, J, 4) wxyz, world ← joint."""
-        return np.asarray(quaternion_canonical(forward_kinematics(self.pose)[1]))
 
     def of(self, person: int) -> Estimate:
         """Return the estimate of one person from one that leads with an axis of people."""

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
+from math import isnan
 
 import numpy as np
 
 from bodysense.body.person import Person
-from bodysense.body.pose import Pose
-from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError, expect
 from bodysense.observing.observation import (
     FARTHEST,
@@ -25,7 +24,7 @@ from bodysense.observing.observation import (
     check_shapes,
 )
 from bodysense.tracking import core
-from bodysense.tracking.estimate import Estimate
+from bodysense.tracking.estimate import Estimate, TrackedPose
 from bodysense.tracking.model import CompletionModel, packaged_model
 
 __all__ = ["Estimate", "Tracker", "TrackerSettings", "TrackerState", "step_together"]
@@ -194,11 +193,12 @@ class Tracker:
                 f"{'one person: give (T, P, 3)' if alone else f'{count} people: give ({count}, T, P, 3)'}"
             )
         each = [observation] if alone else [_person_slice(observation, k) for k in range(count)]
-        each = [_joints_only(one, person) for one, person in zip(each, self.people, strict=True)]
+        if not RAW_POINTS.isdisjoint(observation.points):
+            each = [_joints_only(one, person) for one, person in zip(each, self.people, strict=True)]
         outputs, after = None, None
         if out is not None:
             outputs, after = out[0].memory, out[1].memory
-            if outputs is None or outputs.shape != (count, len(observation)) or len(after) != count:
+            if outputs is None or outputs.shape != (count, len(observation.time)) or len(after) != count:
                 raise BodysenseError(
                     f"tracker: out has memory of other frames or people than the observation's {len(observation)} "
                     f"frames of {count}; give an estimate and a state of an earlier step like this one"
@@ -210,19 +210,18 @@ class Tracker:
 
     def _notices(self, each: Sequence[Observation], state: TrackerState) -> tuple[str, ...]:
         """Return notices about the first frames of each person's state, and about steps of many seconds."""
-        doubtful = [
-            (observation, before)
-            for k, observation in enumerate(each)
-            if np.isnan(before := state.time(k))
-            or (len(observation) and _LONGEST_STEP < observation.time[0] - before < _LOST)
-        ]
+        doubtful: list[tuple[Observation, float]] = []
+        for observation, memory in zip(each, state.memory, strict=True):
+            before = core.time_of(memory)
+            if isnan(before) or (len(observation) and _LONGEST_STEP < observation.time[0] - before < _LOST):
+                doubtful.append((observation, before))
         if not doubtful:
             return ()
         from bodysense.observing.guard import interval_notice, world_notices
 
         found: list[str] = []
         for observation, before in doubtful:
-            if np.isnan(before):
+            if isnan(before):
                 found += world_notices(observation, self.settings.floor)
             else:
                 found.append(interval_notice(float(observation.time[0] - before)))
@@ -274,7 +273,7 @@ def _step_core(
 
 
 def _joints_only(observation: Observation, person: Person) -> Observation:
-    """Convert raw poses of devices to the joints that carry them."""
+    """Convert raw poses of devices, if there are any, to the joints that carry them."""
     if RAW_POINTS.isdisjoint(observation.points):
         return observation
     from bodysense.observing.raw_poses import with_joints
@@ -295,9 +294,9 @@ def _estimate(
 ) -> Estimate:
     """Return an estimate of the core's arrays; `memory` is theirs if a step may reuse it."""
     offset = made["rest_offset"]
-    last = offset.reshape(-1, *offset.shape[-3:])[0, -1]
+    last = offset.reshape(-1, *offset.shape[-3:])[0, -1] if offset.ndim > 3 else offset[-1]
     return Estimate(
-        pose=Pose(_skeleton_with(last.tobytes()), made["root_position"], made["rotation"]),
+        pose=TrackedPose.of(last, made["root_position"], made["rotation"]),
         points=made["points"],
         measured=made["measured"],
         confidence=made["confidence"],
@@ -307,9 +306,3 @@ def _estimate(
         memory=memory,
         notices=notices,
     )
-
-
-@lru_cache(maxsize=256)
-def _skeleton_with(offset: bytes) -> Skeleton:
-    """Return the skeleton with rest offsets (P, 3) float64; cached, so that equal proportions share one object."""
-    return default_skeleton().with_offsets(np.frombuffer(offset).reshape(-1, 3))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bodysense.devices.video.arm_lines import with_depths
+from bodysense.devices.video.arm_geometry.lines import with_depths
 
 FOCAL, AWAY = 1.0, 2.7  # heights of the picture, m
 LENGTH = np.array([[0.28, 0.25]] * 2)

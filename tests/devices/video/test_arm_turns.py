@@ -8,7 +8,7 @@ import pytest
 from bodysense.body.arms import ARM_JOINTS, ARM_POINTS, HAND_POINTS, SIDES, arm_skeleton
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.video.arm_turns import align_arms, palm_rotations, with_palms
+from bodysense.devices.video.arm_geometry.turns import align_arms, palm_rotations, with_palms
 from bodysense.geometry.rotation import (
     normalize,
     quaternion_conjugate,

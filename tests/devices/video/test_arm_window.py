@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.devices.video.arm_window import smooth_window
+from bodysense.devices.video.arm_geometry.window import smooth_window
 
 TIME = np.arange(32) / 30
 DEVIATION = 0.03

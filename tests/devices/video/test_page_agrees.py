@@ -1,4 +1,4 @@
-"""Bodies of landmarks that the page's tests compare with the page's own (web/tests/landmarks.test.ts)."""
+"""Bodies of landmarks that the page's tests compare with the page's own (web/tests/sources/landmarks.test.ts)."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from bodysense.body.pose import Pose, standing_pose
 from bodysense.devices.video.device import POINTS
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 
-from ...filmed_people import seated_pose
+from ...people.filmed import seated_pose
 from ..conftest import SKELETON, seen_by
 
-FIXTURE = Path(__file__).parents[3] / "web" / "tests" / "landmarks.json"
+FIXTURE = Path(__file__).parents[3] / "web" / "tests" / "sources" / "landmarks.json"
 NAMES = ("left_shoulder", "right_shoulder", "left_knee", "right_knee", "left_ankle", "right_ankle")
 LEGS = {"whole": (), "feet hidden": ("ankle", "heel", "toe"), "legs hidden": ("knee", "ankle", "heel", "toe")}
 

@@ -16,10 +16,10 @@ from bodysense.devices.video.device import POINTS, VideoDevice, VideoSettings
 from bodysense.devices.video.landmarks import BODY_LANDMARKS, Landmarker, LandmarkerSettings
 from bodysense.devices.video.person import PersonLandmarks, PersonState, follow, joined_landmarks
 from bodysense.devices.video.pictures import Picture
-from bodysense.devices.video.sitting import SEAT
+from bodysense.devices.video.posture_constants import SEAT
 from bodysense.tracking.tracker import Tracker, TrackerSettings
 
-from ...filmed_people import HIP_OVER_SEAT, RATE, Film, pictures, seated_pose, truth
+from ...people.filmed import HIP_OVER_SEAT, RATE, Film, pictures, seated_pose, truth
 from ..conftest import SKELETON, seen_by
 
 LEGS = ("knee", "ankle", "heel", "toe")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from smpl_people import PELVIS, SKELETON, betas_of, made_up_model
+from people.smpl import PELVIS, SKELETON, betas_of, made_up_model
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from split_people import write_people
+from people.split import write_people
 
 from bodysense.io.clip import Clip
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from split_people import write_people
+from people.split import write_people
 
 from bodysense.io.clip import Clip
 from bodysense_lab.commands import arms, gloves

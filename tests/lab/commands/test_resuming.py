@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from split_people import write_people
+from people.split import write_people
 
 from bodysense.cli import main
 from bodysense.demo import packaged_performance

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from smpl_people import betas_of, lowest_soles, made_up_model, save_walk, walk
+from people.smpl import betas_of, lowest_soles, made_up_model, save_walk, walk
 
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle

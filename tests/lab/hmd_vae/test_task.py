@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import torch
 from lightning_fabric import Fabric
-from split_people import person_of, write_people
+from people.split import person_of, write_people
 
 from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError

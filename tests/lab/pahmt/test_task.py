@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from split_people import write_people
+from people.split import write_people
 
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import normalize, quaternion_canonical

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from people.split import write_people
 from scipy.spatial.transform import Rotation
-from split_people import write_people
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from split_people import write_people
+from people.split import write_people
 
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.io.clip import Clip

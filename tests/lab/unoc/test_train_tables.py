@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from split_people import write_people
+from people.split import write_people
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError

@@ -1,6 +1,7 @@
 """Lag of live markers over a long time: `PYTHONPATH=tests python -m tests.live.markers.soak --seconds 600`.
 
-A twin of each server sends a body with two gloves at 100 Hz to a server of ours; the poses are timed as they arrive.
+A twin of each server sends a body with two gloves at 100 Hz to `bodysense serve`; the poses are timed as they arrive.
+Twin, server and client are processes of their own.
 """
 
 from __future__ import annotations
@@ -19,12 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.io.formats.protocol import POSE, SIGNAL, SUBPROTOCOL, read_pose, read_signal
-from bodysense_live.protocols.markers.marker_link import MarkerServer
+from bodysense_lab.serving.server import running_server
 from bodysense_live.server.message_text import write_message
 from bodysense_live.server.messages import Hello
-from bodysense_live.server.settings import ServerSettings
 
-from ..conftest import serving
 from .performer import captured
 from .twins import NatnetTwin, QtmTwin, Twin, ViconTwin
 
@@ -74,28 +73,31 @@ def lag_of(name: str, seconds: float, rate: float = 100.0) -> Lag:
     from websockets.typing import Subprotocol
 
     late: list[float] = []
-    with twin_process(name, rate) as (port, start):
-        settings = ServerSettings(markers=MarkerServer(name, "127.0.0.1", port))  # type: ignore[arg-type]
-        with (
-            serving(settings) as address,
-            connect(address.websocket, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None) as client,
-        ):
-            client.send(write_message(Hello(1, watch="markers")))
-            begun, frame, points, body = time.monotonic(), 0, 0, 0
-            while time.monotonic() - begun < seconds + _SETTLING:
-                received = client.recv(timeout=20)
-                now = time.monotonic()
-                if isinstance(received, str):
-                    message = json.loads(received)
-                    if message["type"] == "welcome":
-                        points, body = len(message["signal"]), len(message["points"])
-                elif received[0] == SIGNAL and now - begun > _SETTLING:
-                    frame = round(read_signal(received, points).time * rate)
-                elif received[0] == POSE and frame and (read_pose(received, body).hidden < 0.5).sum() > 20:
-                    late.append((now - start) * rate - frame)
+    with (
+        twin_process(name, rate) as (port, start),
+        running_server("--markers", f"{name}://127.0.0.1:{port}") as (address, _),
+        connect(_websocket(address), subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None) as client,
+    ):
+        client.send(write_message(Hello(1, watch="markers")))
+        begun, frame, points, body = time.monotonic(), 0, 0, 0
+        while time.monotonic() - begun < seconds + _SETTLING:
+            received = client.recv(timeout=20)
+            now = time.monotonic()
+            if isinstance(received, str):
+                message = json.loads(received)
+                if message["type"] == "welcome":
+                    points, body = len(message["signal"]), len(message["points"])
+            elif received[0] == SIGNAL and now - begun > _SETTLING:
+                frame = round(read_signal(received, points).time * rate)
+            elif received[0] == POSE and frame and (read_pose(received, body).hidden < 0.5).sum() > 20:
+                late.append((now - start) * rate - frame)
     sent = round(seconds * rate)
     median, high = (float(value) for value in np.percentile(late, (50, 99)))
     return Lag(sent, len(late), median, high, max(late))
+
+
+def _websocket(address: str) -> str:
+    return f"{address.replace('http://', 'ws://').rstrip('/')}/ws"
 
 
 if __name__ == "__main__":

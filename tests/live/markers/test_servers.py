@@ -290,7 +290,6 @@ def test_usual_ports() -> None:
 
 @pytest.mark.slow
 @pytest.mark.alone
-@pytest.mark.xfail(reason="a body and two gloves at 100 Hz take 6 ms a frame, and the twin server shares the two cores")
 @pytest.mark.parametrize("name", TWINS)
 def test_the_lag_is_at_most_two_frames(name: str) -> None:
     lag = lag_of(name, seconds=5.0)

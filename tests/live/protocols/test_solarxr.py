@@ -21,16 +21,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_exp, quaternion_rotate
 from bodysense_lab.serving.solarxr_client import bundle, request, update
-from bodysense_live.protocols.solarxr.solarxr import (
-    BONES,
-    TRACKERS,
-    Requests,
-    Updates,
-    body_frame,
-    body_layout,
-    read_bundle,
-    settings_bundle,
-)
+from bodysense_live.protocols.solarxr.runtime_messages import Requests, Updates, read_bundle, settings_bundle
+from bodysense_live.protocols.solarxr.solarxr_body import BONES, TRACKERS, body_frame, body_layout
 from bodysense_live.protocols.solarxr.solarxr_input import InputReader, read_fields
 from bodysense_live.protocols.solarxr.solarxr_link import INPUT, RPC, SolarxrLink, SolarxrSettings, runtime_folder
 from bodysense_live.protocols.webxr import between_eyes

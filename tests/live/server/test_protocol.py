@@ -194,4 +194,6 @@ def test_the_types_of_the_page_are_up_to_date() -> None:
     if not script.PLACE.parent.is_dir():
         pytest.skip("no sources of the page here")
     assert script.PLACE.read_text(encoding="utf-8") == script.text(), "run scripts/make_protocol_types.py"
+    assert script.CONSTANTS.read_text(encoding="utf-8") == script.constants_text(), "run scripts/make_protocol_types.py"
+    assert "export const SEATED = 0.4;" in script.constants_text()
     assert f"SIGNAL_HEAD_BYTES = {protocol.SIGNAL_HEAD.size};" in script.text()

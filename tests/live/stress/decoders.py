@@ -22,7 +22,8 @@ from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 from bodysense.io.formats.osc import read_packet
 from bodysense_lab.serving.solarxr_client import update
 from bodysense_live.protocols import vmc, vrchat
-from bodysense_live.protocols.solarxr.solarxr import BodyFrame, Updates, body_frame, body_layout
+from bodysense_live.protocols.solarxr.runtime_messages import Updates
+from bodysense_live.protocols.solarxr.solarxr_body import BodyFrame, body_frame, body_layout
 from bodysense_live.protocols.steamvr.vmt import DRIVER_PORT, tracker_packet
 from bodysense_live.protocols.steamvr.vmt_hands import hand_packet
 from bodysense_live.protocols.vmc import vmc_packets
@@ -122,7 +123,7 @@ def _reads_body(data: bytes, body: BodyFrame) -> bool:
     decoded = update(data)
     for rows, slots, values in (
         (decoded.rows(1), ((4, 3), (3, 4)), (body.tracker_position, body.tracker_rotation)),
-        (decoded.rows(2), ((3, 3), (1, 4)), (body.bone_start, body.bone_rotation)),
+        (decoded.rows(2), ((3, 3), (1, 4)), (body.bone_start[:-1], body.bone_rotation[:-1])),
     ):
         for (slot, size), wanted in zip(slots, values, strict=True):
             read = np.array([row.floats(slot, size) for row in rows], dtype=np.float32)

@@ -13,7 +13,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.formats.osc import bundled, message_bytes
 from bodysense_lab.serving.solarxr_client import request
 from bodysense_live.protocols.slimevr import SlimevrState, take
-from bodysense_live.protocols.solarxr.solarxr import read_bundle, settings_bundle
+from bodysense_live.protocols.solarxr.runtime_messages import read_bundle, settings_bundle
 from bodysense_live.protocols.solarxr.solarxr_input import InputReader
 from bodysense_live.protocols.steamvr.vmt import VmtReader
 from bodysense_live.protocols.vmc import VmcTrackers

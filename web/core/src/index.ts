@@ -144,7 +144,7 @@ function writePerson({ memory, at: model, person: at, index }: Opened, person: P
   const { lengths = [], mounts = [], restOffset, deviation = new Float64Array(POINTS) } = person;
   if (lengths.length > LENGTHS) throw new Error(`person: ${lengths.length} lengths; give at most ${LENGTHS}`);
   memory.bytes(at, SIZE.person).fill(0);
-  memory.doubles(at + PERSON.height, 2).set([person.height ?? NaN, person.heightDeviation ?? 0.001]);
+  memory.doubles(at + PERSON.height, 2).set([person.height ?? NaN, person.heightDeviation ?? 0.025]);
   memory.integers(at + PERSON.lengths, 1)[0] = lengths.length;
   lengths.forEach(({ start, end, value, deviation }, k) => {
     memory.integers(at + PERSON.length + k * SIZE.length, 2).set([index(start), index(end)]);

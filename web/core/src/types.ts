@@ -48,7 +48,7 @@ export type Mount = Readonly<{ joint: string; translation: Vector; rotation: Qua
 /** A person's known measurements. An empty object is the likeliest adult. */
 export interface Person {
   readonly height?: number | null; // m, floor to crown
-  readonly heightDeviation?: number; // m, standard deviation; 0.001
+  readonly heightDeviation?: number; // m, standard deviation; 0.025
   readonly lengths?: readonly Length[];
   readonly mounts?: readonly Mount[];
   readonly restOffset?: ArrayLike<number>; // (65 × 3) m, from the parent in the T-pose; the likeliest if omitted

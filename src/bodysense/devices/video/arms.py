@@ -24,7 +24,7 @@ from bodysense.body.keypoints import ArmKeypoints, body_torso, check_keypoints
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.video.arm_window import TIME_TOLERANCE, ArmFrame, align_signs, smooth_window, window_of
+from bodysense.devices.video.arm_geometry.window import TIME_TOLERANCE, ArmFrame, align_signs, smooth_window, window_of
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import normalize, quaternion_canonical, quaternion_conjugate, quaternion_multiply
 from bodysense.observing.observation import check_order

@@ -12,15 +12,19 @@ import numpy as np
 
 from bodysense.body.arms import SIDES
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
-from bodysense.devices.video.person import VISIBLE, PersonLandmarks
+from bodysense.devices.video.person import PersonLandmarks
+from bodysense.devices.video.posture_constants import (
+    ENOUGH,
+    LONGEST_ANGLE,
+    LONGEST_MEAN,
+    MOST_ROLLED,
+    STEEPEST,
+    SWAY,
+    TRUNK_SHARE,
+    UPRIGHT,
+    VISIBLE,
+)
 
-_STRAIGHT = np.radians(25.0)  # largest angle between the bones of a standing body and the line from feet to shoulders
-_STEEPEST, _MOST_ROLLED = np.radians(35.0), np.radians(50.0)  # tilt and roll above which the body leans, not the camera
-_LONGEST_MEAN = 10.0  # s, time over which angles are averaged
-_LONGEST_STEP = 0.1  # s, largest weight of a frame
-_SWAY = np.radians(3.0)  # usual lean of standing people; a camera with less roll is probably level
-_TRUNK_SHARE = 0.5  # of the tilt of a trunk that the camera has: trunks of sitting people lean as much as cameras do
-_ENOUGH = 1.0  # s of standing that count as much as the trunk
 _PARTS = ("shoulder", "hip", "knee", "ankle")
 _MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES] for part in _PARTS])
 
@@ -44,14 +48,14 @@ class CameraLevel:
         if up is None:
             return self
         time = float(person.time[0])
-        elapsed = min(time - self.time, _LONGEST_STEP)
+        elapsed = min(time - self.time, LONGEST_ANGLE)
         share = 1.0 if not self.stood else elapsed / (self.stood + elapsed)
         tilt, roll = np.arctan2(up[2], np.hypot(up[0], up[1])), np.arctan2(up[0], up[1])
         return replace(
             self,
             tilt=self.tilt + share * (float(tilt) - self.tilt),
             roll=self.roll + share * (float(roll) - self.roll),
-            stood=min(self.stood + elapsed, _LONGEST_MEAN),
+            stood=min(self.stood + elapsed, LONGEST_MEAN),
             time=time,
         )
 
@@ -62,23 +66,23 @@ class CameraLevel:
         shoulders, hips = person.world[0, _MARKS[:2]].mean(axis=1)
         up = shoulders - hips
         tilt, time = float(np.arctan2(up[2], np.hypot(up[0], up[1]))), float(person.time[0])
-        if up[1] <= 0 or abs(tilt) > _STEEPEST:
+        if up[1] <= 0 or abs(tilt) > np.radians(STEEPEST):
             return self
-        elapsed = min(time - self.time, _LONGEST_STEP)
+        elapsed = min(time - self.time, LONGEST_ANGLE)
         share = 1.0 if not self.sat else elapsed / (self.sat + elapsed)
         trunk = self.trunk + share * (tilt - self.trunk)
-        return replace(self, trunk=trunk, sat=min(self.sat + elapsed, _LONGEST_MEAN), time=time)
+        return replace(self, trunk=trunk, sat=min(self.sat + elapsed, LONGEST_MEAN), time=time)
 
     @property
     def likely_tilt(self) -> float:
         """rad: the tilt of the camera, from the time of standing if there was any, and from the trunk."""
-        share = self.stood / (self.stood + _ENOUGH) if self.sat else 1.0
-        return share * self.tilt + (1 - share) * _TRUNK_SHARE * self.trunk
+        share = self.stood / (self.stood + ENOUGH) if self.sat else 1.0
+        return share * self.tilt + (1 - share) * TRUNK_SHARE * self.trunk
 
     @property
     def likely_roll(self) -> float:
         """rad: the roll, reduced if it is within people's sway."""
-        return self.roll**3 / (self.roll**2 + _SWAY**2)
+        return self.roll**3 / (self.roll**2 + np.radians(SWAY) ** 2)
 
 
 def tilt_matrix(tilt: float) -> np.ndarray:
@@ -115,5 +119,7 @@ def _upright(person: PersonLandmarks) -> np.ndarray | None:
     up = joints[0].mean(axis=0) - joints[3].mean(axis=0)
     up = up / max(float(np.linalg.norm(up)), 1e-9)
     straight = min(float(bone @ up) / max(float(np.linalg.norm(bone)), 1e-9) for bone in bones)
-    level = abs(np.arctan2(up[2], np.hypot(up[0], up[1]))) < _STEEPEST and abs(np.arctan2(up[0], up[1])) < _MOST_ROLLED
-    return up if straight > np.cos(_STRAIGHT) and level else None
+    level = abs(np.arctan2(up[2], np.hypot(up[0], up[1]))) < np.radians(STEEPEST) and abs(
+        np.arctan2(up[0], up[1])
+    ) < np.radians(MOST_ROLLED)
+    return up if straight > np.cos(np.radians(UPRIGHT)) and level else None

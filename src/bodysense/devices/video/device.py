@@ -1,8 +1,8 @@
 """Video device: a person's landmarks in, points of their body in the room out.
 
 Head, shoulders and legs follow the landmarks' directions with the wearer's own bone lengths (`landmark_points`). A
-network gives rotations of arms and hands; arms are aligned with their lines in the picture (`arm_lines`). Unseen parts
-are not observed, and the tracker completes them.
+network gives rotations of arms and hands; arms are aligned with their lines in the picture (`arm_geometry.lines`).
+Unseen parts are not observed, and the tracker completes them.
 
 The room's axes are the camera's without its tilt and roll, which are learned from the standing person (`camera_level`).
 z is 0 at the start, and the lowest point of the legs is on the floor.
@@ -20,14 +20,15 @@ from bodysense.body.arms import ARM_JOINTS, ARM_POINTS, CHEST, SIDES, arm_rotati
 from bodysense.body.keypoints import Camera, arm_directions
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import ARM, Skeleton
-from bodysense.devices.video.arm_lines import align_with_lines, with_depths
-from bodysense.devices.video.arm_turns import align_arms, palm_rotations, with_palms
+from bodysense.devices.video.arm_geometry.lines import align_with_lines, with_depths
+from bodysense.devices.video.arm_geometry.turns import align_arms, palm_rotations, with_palms
 from bodysense.devices.video.camera_level import CameraLevel, remove_roll, roll_matrix, tilt_matrix
 from bodysense.devices.video.landmark_points import TRUNK, FittedPoints, LandmarkPoints, locate_pelvis
 from bodysense.devices.video.landmark_smoothing import REACH, smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
-from bodysense.devices.video.person import VISIBLE, PersonLandmarks, arm_keypoints, joined_landmarks
-from bodysense.devices.video.sitting import FEET_VISIBLE, Sitting, lay_legs
+from bodysense.devices.video.person import PersonLandmarks, arm_keypoints, joined_landmarks
+from bodysense.devices.video.posture_constants import FEET_VISIBLE, FLOOR_HALF_LIFE, UNSEEN_LEGS, VISIBLE
+from bodysense.devices.video.sitting import Sitting, lay_legs
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import (
     matrix_to_quaternion,
@@ -45,7 +46,6 @@ _LEGS = tuple(f"{side}_{part}" for side in SIDES for part in ("knee", "ankle", "
 # Points that may be observed. Hips are left out because their landmarks are inaccurate: errors are 1-2 cm smaller.
 POINTS = ("head", CHEST, *_LEGS, *ARM_JOINTS)
 _WITH_POSITION = ("head", "left_shoulder", "right_shoulder", *_LEGS)
-_UNSEEN_LEGS = 3.0  # factor of the error if the legs are not seen, because they are then assumed to be straight
 _ARM_MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_POINTS] for side in SIDES])
 _LEG_MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in ("knee", "ankle")]
 _FAR = 3.0  # m, initial distance from the camera, before a person has been seen
@@ -53,7 +53,6 @@ LANDMARK_SMOOTHING = 0.05  # s, standard deviation of the smoothing of landmarks
 _ARM_SMOOTHING = 0.03  # s, the same for arms, which move faster
 _PLACE_HALF_LIFE = 0.1  # s, half-life of a jump across the picture
 _DEPTH_HALF_LIFE = 0.3  # s, half-life of a jump toward the camera or away from it
-_FLOOR_HALF_LIFE = 1.0  # s, of the averaging of the floor's height
 
 
 @dataclass(frozen=True)
@@ -209,7 +208,7 @@ class VideoDevice:
         ankles = self.skeleton.indices([f"{side}_ankle" for side in SIDES])
         lowest = float(((fitted.position[ankles] @ room.T)[:, 1] - rest[ankles, 1]).min())
         if person.visible[0, _LEG_MARKS].min() >= FEET_VISIBLE:
-            share = 1.0 if floor is None else 1 - 2 ** (-(time - state.time) / _FLOOR_HALF_LIFE)
+            share = 1.0 if floor is None else 1 - 2 ** (-(time - state.time) / FLOOR_HALF_LIFE)
             floor = y + lowest if floor is None else floor + share * (y + lowest - floor)
         return fitted, replace(state, root=np.array([x, -lowest, z - state.begun[1]]), floor=floor, time=time)
 
@@ -260,8 +259,8 @@ class VideoDevice:
             turned[place] = is_seen[number] if part in ARM or person.has_hand[0, number] else 0.0
         visible[self._is_rotation] = 0.0
         hidden = person.visible[0, _LEG_MARKS].reshape(2, 2).max(axis=0) < VISIBLE  # knees, ankles
-        error = np.full(len(POINTS), LANDMARK_ACCURACY * (_UNSEEN_LEGS if hidden.all() else 1.0))
-        error[self._assumed[hidden]] = LANDMARK_ACCURACY * _UNSEEN_LEGS
+        error = np.full(len(POINTS), LANDMARK_ACCURACY * (UNSEEN_LEGS if hidden.all() else 1.0))
+        error[self._assumed[hidden]] = LANDMARK_ACCURACY * UNSEEN_LEGS
         at = visible >= VISIBLE
         seen.position[frame, at] = fitted.position[where[at]] @ room.T + state.root
         seen.has_position[frame, at] = True

@@ -15,7 +15,8 @@ from bodysense.body.arms import CHEST, SIDES
 from bodysense.body.keypoints import torso_rotation
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
-from bodysense.devices.video.person import VISIBLE, PersonLandmarks
+from bodysense.devices.video.person import PersonLandmarks
+from bodysense.devices.video.posture_constants import NEAR, VISIBLE
 from bodysense.geometry.rotation import (
     matrix_to_quaternion,
     quaternion_conjugate,
@@ -26,7 +27,6 @@ from bodysense.geometry.rotation import (
 _MARK = {name: place for place, name in enumerate(BODY_LANDMARKS)}
 _LOCATING = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")  # landmarks that define the body's position
 TRUNK = ("shoulder", "hip")  # the same before legs are known
-_NEAR = 0.3  # m, least distance of a person from the camera
 # Bones of limbs, from the trunk outward.
 _ARM, _LEG = (("shoulder", "elbow"), ("elbow", "wrist")), (("hip", "knee"), ("knee", "ankle"), ("ankle", "toe"))
 
@@ -167,5 +167,5 @@ def locate_pelvis(
         rows[axis, :, 2] = -seen[:, axis]
         values[axis] = -focal * q[:, axis] - seen[:, axis] * q[:, 2]
     place = np.linalg.lstsq((rows * pull[:, None]).reshape(-1, 3), (values * pull).ravel(), rcond=None)[0]
-    place[2] = -max(place[2], _NEAR)
+    place[2] = -max(place[2], NEAR)
     return place

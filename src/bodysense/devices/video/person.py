@@ -15,10 +15,10 @@ from bodysense.body.arms import ARM_POINTS, SIDES
 from bodysense.body.keypoints import ArmKeypoints, arm_directions, torso_rotation
 from bodysense.devices.video.landmarks import BODY_LANDMARKS, Bodies, HandLandmarks
 from bodysense.devices.video.pictures import Picture
+from bodysense.devices.video.posture_constants import VISIBLE
 from bodysense.devices.video.sides import SideState, detect_exchange, exchange, update_sides
 from bodysense.errors import BodysenseError
 
-VISIBLE = 0.5  # probability above which a landmark counts as seen
 _LONGEST_AHEAD = 0.5  # s for which an unseen person is assumed to keep their velocity
 _MEMORY = 0.3  # s over which motion, size and colour are averaged
 _ARMS = np.array([[BODY_LANDMARKS.index(f"{side}_{point}") for point in ARM_POINTS] for side in SIDES])  # (2, 3)

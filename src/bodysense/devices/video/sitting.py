@@ -17,32 +17,32 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.video.landmark_points import FittedPoints
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
-
-# Cues of sitting, each 0 in the middle between rendered people who sit and who stand, 1 in their usual spread.
-_PITCH = (0.0, 20.0)  # degrees by which landmarks raise the thighs toward the front
-_APART = (1.1, 0.15)  # distance of the knees in the picture by that of the hips: nearer knees are farther apart
-_SHORT = (1.0, -0.2)  # length of the thighs in the picture by that of the shins
-_RANGE = (-1.0, 2.5)  # least and largest value of a cue
-_SEATED = 0.4  # sum of cues above which a person sits
-_MARGIN = 0.2  # of the sum by which it must pass `_SEATED` for a change
-_HALF_LIFE = 0.4  # s, of the averaging of cues
-_LONGEST_STEP = 0.5  # s, largest weight of a frame
-KNEE_VISIBLE = 0.35  # probability from which knees are cues; 0.4 at the edge of the picture, 0.15 beyond it
-_KNEE_GUESSED = 0.1  # probability from which knees beyond the picture are in their place; 0.02 behind a table
-_ANKLE_VISIBLE = 0.5  # probability from which ankles count
-FEET_VISIBLE = 0.75  # probability from which ankles tell where the floor is
-ASSUMED = 0.5  # probability that is given to legs that are hidden
-SEAT = 0.475  # m, likely height of a seat: chairs and office chairs
-_HIP_OVER_SEAT = 0.095  # m, of hip joints over the seat
-_SEAT_DEVIATION = 0.06  # m, of seats people sit on at desks
-_DROP_DEVIATION = 0.08  # m, of heights of knees under hips in the picture, on rendered people
-_DROP_BIAS = 0.02  # m by which these are too large there
-_USUAL = 0.15  # m from the likely height beyond which a seen height counts alone
-_ON_TABLE = 0.1  # weight of knees that are seen higher than seats allow: they are guesses on a table's edge
-_DROPS = (-0.35, 0.36)  # m, range of heights of the knees under the hips
-_WIDEST = 0.6  # sine of the largest angle of a thigh to the front
-_STANDING = 0.85  # of the pelvis's standing height, above which hidden legs stand
-_STRAIGHT, _BENT = 28.0, 75.0  # degrees of bend that straight knees of landmarks have, and above which bends are right
+from bodysense.devices.video.posture_constants import (
+    ANKLE_VISIBLE,
+    APART,
+    ASSUMED,
+    CUE_HALF_LIFE,
+    CUE_RANGE,
+    DROP_BIAS,
+    DROP_DEVIATION,
+    DROPS,
+    HIP_OVER_SEAT,
+    KNEE_GUESSED,
+    KNEE_VISIBLE,
+    LONGEST_CUE,
+    MARGIN,
+    ON_TABLE,
+    PITCH,
+    SEAT,
+    SEAT_DEVIATION,
+    SEATED,
+    SHORT,
+    STANDING,
+    STRAIGHT_BEND,
+    TRUE_BEND,
+    USUAL,
+    WIDEST,
+)
 
 _PAIRS = {part: [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES] for part in ("hip", "knee", "ankle")}
 
@@ -60,10 +60,10 @@ class Sitting:
         if not person.has_body[0] or person.visible[0, _PAIRS["knee"]].min() < KNEE_VISIBLE:
             return self
         time, cues = float(person.time[0]), _cues(person)
-        share = 1.0 if self.cues is None else 1 - 2 ** (-min(time - self.time, _LONGEST_STEP) / _HALF_LIFE)
+        share = 1.0 if self.cues is None else 1 - 2 ** (-min(time - self.time, LONGEST_CUE) / CUE_HALF_LIFE)
         mean = cues if self.cues is None else self.cues + share * (cues - self.cues)
-        margin = 0.0 if self.cues is None else (-_MARGIN if self.is_seated else _MARGIN)
-        return Sitting(mean, mean > _SEATED + margin, time)
+        margin = 0.0 if self.cues is None else (-MARGIN if self.is_seated else MARGIN)
+        return Sitting(mean, mean > SEATED + margin, time)
 
 
 def _cues(person: PersonLandmarks) -> float:
@@ -77,15 +77,15 @@ def _cues(person: PersonLandmarks) -> float:
     pitch = np.degrees(np.arctan2(thigh @ ahead, -thigh[1]))
     frontal = float(np.clip(2 * abs(across[0]) - 1, 0, 1))  # widths tell nothing of a person from the side
     width = float(np.linalg.norm(knees[0] - knees[1]) / max(float(np.linalg.norm(hips[0] - hips[1])), 1e-3))
-    cues = [_cue(pitch, _PITCH), frontal * _cue(width, _APART)]
-    if visible[_PAIRS["ankle"]].min() >= _ANKLE_VISIBLE:
+    cues = [_cue(pitch, PITCH), frontal * _cue(width, APART)]
+    if visible[_PAIRS["ankle"]].min() >= ANKLE_VISIBLE:
         lengths = [np.linalg.norm(a - b, axis=-1).mean() for a, b in ((hips, knees), (knees, ankles))]
-        cues.append(_cue(float(lengths[0] / max(lengths[1], 1e-3)), _SHORT))
+        cues.append(_cue(float(lengths[0] / max(lengths[1], 1e-3)), SHORT))
     return sum(cues)
 
 
 def _cue(value: float, scale: tuple[float, float]) -> float:
-    return float(np.clip((value - scale[0]) / scale[1], *_RANGE))
+    return float(np.clip((value - scale[0]) / scale[1], *CUE_RANGE))
 
 
 def lay_legs(
@@ -104,9 +104,9 @@ def lay_legs(
     the floor's height over the camera's, m, if known.
     """
     probability = float(person.visible[0, _PAIRS["knee"]].min())
-    seen = probability >= (_KNEE_GUESSED if floor is None else KNEE_VISIBLE)
+    seen = probability >= (KNEE_GUESSED if floor is None else KNEE_VISIBLE)
     if probability < KNEE_VISIBLE and floor is not None:
-        is_seated = (room @ place)[1] - floor < _STANDING * skeleton.rest_offset[0, 1]
+        is_seated = (room @ place)[1] - floor < STANDING * skeleton.rest_offset[0, 1]
     if not is_seated:
         return _stand(fitted, person, room, skeleton)
     position = fitted.position.copy()
@@ -119,21 +119,21 @@ def lay_legs(
     )
     length = float(np.linalg.norm(rest[knee[0]] - rest[hip[0]]))
     over = float(skeleton.rest_offset[0, 1] + rest[knee, 1].mean())  # m, of the knees over the floor
-    usual = SEAT + _HIP_OVER_SEAT - over
+    usual = SEAT + HIP_OVER_SEAT - over
     if seen:
-        drop = float(np.mean([-length * thigh[1] for thigh in thighs])) - _DROP_BIAS
-        sure = min(probability / KNEE_VISIBLE, 1.0) / _DROP_DEVIATION**2
-        if drop < usual - _USUAL and person.visible[0, _PAIRS["ankle"]].min() < _ANKLE_VISIBLE:
-            sure *= _ON_TABLE
-        trust = 1 / _SEAT_DEVIATION**2
-        if person.visible[0, _PAIRS["ankle"]].min() >= _ANKLE_VISIBLE:  # who crouches has the feet in the picture
-            trust *= np.exp(-0.5 * ((drop - usual) / _USUAL) ** 2)
+        drop = float(np.mean([-length * thigh[1] for thigh in thighs])) - DROP_BIAS
+        sure = min(probability / KNEE_VISIBLE, 1.0) / DROP_DEVIATION**2
+        if drop < usual - USUAL and person.visible[0, _PAIRS["ankle"]].min() < ANKLE_VISIBLE:
+            sure *= ON_TABLE
+        trust = 1 / SEAT_DEVIATION**2
+        if person.visible[0, _PAIRS["ankle"]].min() >= ANKLE_VISIBLE:  # who crouches has the feet in the picture
+            trust *= np.exp(-0.5 * ((drop - usual) / USUAL) ** 2)
         drop = (drop * sure + usual * trust) / (sure + trust)
     elif floor is not None:
         drop = float((room @ (place + fitted.position[hip].mean(axis=0)))[1]) - floor - over
     else:
         drop = usual
-    drop = float(np.clip(drop, *_DROPS))
+    drop = float(np.clip(drop, *DROPS))
     for k, thigh in enumerate(thighs):
         flat = np.array([thigh[0], 0.0, thigh[2]])
         flat = flat / max(float(np.linalg.norm(flat)), 1e-9)
@@ -180,7 +180,7 @@ def _thigh(
     thigh = max(ends, key=lambda end: float(end @ ahead))
     thigh = thigh / max(float(np.linalg.norm(thigh)), 1e-9)
     aside = np.cross([0.0, 1.0, 0.0], ahead)
-    wide = float(np.clip(thigh @ aside, -_WIDEST, _WIDEST))
+    wide = float(np.clip(thigh @ aside, -WIDEST, WIDEST))
     flat = wide * aside + np.sqrt(1 - wide**2) * ahead
     return np.array([flat[0], thigh[1], flat[2]])
 
@@ -194,11 +194,15 @@ def _stand(fitted: FittedPoints, person: PersonLandmarks, room: np.ndarray, skel
         )
         thigh, shin = position[knee] - position[hip], position[ankle] - position[knee]
         sizes = np.linalg.norm(thigh), np.linalg.norm(shin)
-        is_hidden = person.visible[0, _PAIRS["ankle"][number]] < _ANKLE_VISIBLE
+        is_hidden = person.visible[0, _PAIRS["ankle"][number]] < ANKLE_VISIBLE
         if is_hidden:
             shin = room.T @ (rest[ankle] - rest[knee])
         bend = np.degrees(np.arccos(np.clip(thigh @ shin / (sizes[0] * sizes[1]), -1, 1)))
-        share = 1.0 if bend >= _BENT else max(bend - _STRAIGHT, 0) * _BENT / (_BENT - _STRAIGHT) / max(bend, 1e-6)
+        share = (
+            1.0
+            if bend >= TRUE_BEND
+            else max(bend - STRAIGHT_BEND, 0) * TRUE_BEND / (TRUE_BEND - STRAIGHT_BEND) / max(bend, 1e-6)
+        )
         chord = shin if is_hidden else thigh + shin
         chord = chord / np.linalg.norm(chord)
         ends = [(1 - share) * size * chord + share * bone for bone, size in zip((thigh, shin), sizes, strict=True)]

@@ -143,8 +143,8 @@ def segment_rotations(
     found: dict[str, np.ndarray] = {}
     for frame in markers.frames:
         if frame.joint is not None and frame.name in axes and frame.joint not in (*known, *found):
-            found[frame.joint] = turns_of(axes[frame.name])
-    return found
+            found[frame.joint] = axes[frame.name]
+    return dict(zip(found, turns_of(np.stack([*found.values()])), strict=True)) if found else {}
 
 
 def observed_points(

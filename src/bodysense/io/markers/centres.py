@@ -85,7 +85,7 @@ def _left_of(frame: SegmentFrame, places: Mapping[str, np.ndarray], beside: np.n
 
 
 def turns_of(axes: np.ndarray) -> np.ndarray:
-    """Convert axes (T, 3, 3) to rotations (T, 4) wxyz; NaN where hidden."""
+    """Convert axes (..., 3, 3) to rotations (..., 4) wxyz; NaN where hidden."""
     known = np.isfinite(axes).all(axis=(-2, -1))
     rotation = np.full((*axes.shape[:-2], 4), np.nan)
     rotation[known] = matrix_to_quaternion(axes[known])

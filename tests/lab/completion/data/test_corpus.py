@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from split_people import person_of, write_people
+from people.split import person_of, write_people
 
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import write_bvh

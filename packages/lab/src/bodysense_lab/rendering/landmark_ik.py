@@ -14,7 +14,8 @@ from bodysense.devices.video.device import LANDMARK_SMOOTHING, VideoSettings
 from bodysense.devices.video.landmark_points import LandmarkPoints, with_direction
 from bodysense.devices.video.landmark_smoothing import smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
-from bodysense.devices.video.person import VISIBLE, PersonLandmarks
+from bodysense.devices.video.person import PersonLandmarks
+from bodysense.devices.video.posture_constants import VISIBLE
 from bodysense_lab.papers.ik.ik import IkSettings, IkState, InverseKinematics
 
 _KNUCKLES = {"index1": "index", "pinky1": "pinky", "thumb2": "thumb"}  # of a hand without its own landmarks

@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from importlib.resources import as_file, files
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -42,11 +42,12 @@ def bench_step(
 ) -> None:
     """Time the tracker's whole step frame by frame, for one wearer and for several in a batch.
 
-    observe_ms is the time of `bodysense.observe` for head and wrists. hot_ms is the median time of a step after the
-    other, and p50_ms and p99_ms are of these. paced_ms is the median time of steps at 72 Hz, which find their weights
-    evicted from the processor's caches. floor_ms is the time of one wearer's matrix products in C, for the body and its
-    mirror image. reference_ms is the
-    time of these products in NumPy, float32. mflop is their number of multiplications and additions for a frame.
+    observe_ms is the time of `bodysense.observe` for head and wrists. live_ms is the time of a whole frame of the
+    documented live loop: `observe`, `Tracker.step` in reused memory for a person of unknown body, and the pose. hot_ms
+    is the median time of a step after the other, and p50_ms and p99_ms are of these. paced_ms is the median time of
+    steps at 72 Hz, which find their weights evicted from the processor's caches. floor_ms is the time of one wearer's
+    matrix products in C, for the body and its mirror image. reference_ms is the time of these products in NumPy,
+    float32. mflop is their number of multiplications and additions for a frame.
 
     Args:
         device: tracked sensor set.
@@ -65,7 +66,13 @@ def bench_step(
     one = percentiles(frame_stepper(tracker, observation), frames)
     paced = _paced(frame_stepper(tracker, observation), min(frames, _PACED_FRAMES))
     batch = percentiles(_together(tracker, observation, people), max(1, frames // 4))
-    numbers = {"observe_ms": percentiles(_observe, frames)["p50_ms"], "hot_ms": one["p50_ms"], "paced_ms": paced}
+    live = percentiles(_live(observation), frames)["p50_ms"]
+    numbers = {
+        "live_ms": live,
+        "observe_ms": percentiles(_observe, frames)["p50_ms"],
+        "hot_ms": one["p50_ms"],
+        "paced_ms": paced,
+    }
     numbers |= {name: one[name] for name in ("p50_ms", "p99_ms")}
     numbers |= {f"batch{people}_ms": batch["p50_ms"] / people, f"batch{people}_p99_ms": batch["p99_ms"] / people}
     memory = resident_memory()  # of the step alone
@@ -83,6 +90,31 @@ def _observe(frame: int) -> None:
     make_frame(
         frame / _RATE, {"head": (head, turn), "left_wrist": ([0.4, 1.0, 0.3], None), "right_wrist": (None, turn)}
     )
+
+
+def _live(observation: Observation) -> Callable[[int], None]:
+    """Return a function that makes and completes the n-th frame of an observation, as a live loop does."""
+    from bodysense.tracking.tracker import Tracker
+
+    tracker = Tracker()
+    last, state = None, tracker.start()
+    tracked = ((observation.position, observation.has_position), (observation.rotation, observation.has_rotation))
+    frames: list[dict[str, Any]] = [
+        {
+            name: tuple(values[t, k].tolist() if has[t, k] else None for values, has in tracked)
+            for k, name in enumerate(observation.points)
+        }
+        for t in range(len(observation))
+    ]
+    interval = float(np.diff(observation.time).mean())
+
+    def one(frame: int) -> None:
+        nonlocal last, state
+        seen = make_frame(frame * interval, frames[frame % len(frames)])
+        estimate, state = last = tracker.step(seen, state, out=last)
+        _ = estimate.pose.root_position[0], estimate.pose.rotation[0]
+
+    return one
 
 
 def _paced(one: Callable[[int], None], frames: int) -> float:

@@ -1,6 +1,7 @@
 """The link to OpenXR runtimes on Linux (Monado, WiVRn): they connect to SlimeVR's sockets, send a headset, get a body.
 
-SlimeVR's own programs get the same updates by a WebSocket.
+SlimeVR's own programs get the same updates by a WebSocket. A client's first message tells its protocol: that of SlimeVR
+22, whose drivers send their headset by the same connection, or the one before.
 
 A runtime connects once, when it starts, so the server must run before. It sends its headset after each update that it
 receives, so updates continue while no wearer is tracked.
@@ -26,7 +27,10 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import SignalFrame
 from bodysense_live.protocols.links import LOST, DeviceInput, listen_tcp
-from bodysense_live.protocols.solarxr.solarxr import Updates, body_frame, body_layout, read_bundle, settings_bundle
+from bodysense_live.protocols.solarxr.driver_input import DriverReader
+from bodysense_live.protocols.solarxr.driver_messages import BoneParts, SkeletonUpdates, is_hello
+from bodysense_live.protocols.solarxr.runtime_messages import Updates, read_bundle, settings_bundle
+from bodysense_live.protocols.solarxr.solarxr_body import BodyFrame, body_frame, body_layout
 from bodysense_live.protocols.solarxr.solarxr_input import LARGEST
 from bodysense_live.protocols.webxr import between_eyes
 from bodysense_live.security.safety import local_refusal_reason
@@ -77,6 +81,8 @@ class _Client:
     transport: Any
     write: Callable[[bytes], None]  # sends one message
     interval: float | None = None  # s between updates; None: the client has not requested any
+    mask: BoneParts | None = None  # parts of bones that a driver requests; None: the client is older
+    driver: str = ""  # name of a registered driver
     sent: float = field(default=-np.inf)  # s, time of the last update
     later: asyncio.TimerHandle | None = None  # runs until the next update is due
 
@@ -92,8 +98,10 @@ class SolarxrLink:
         self._servers: list[Any] = []
         self._heartbeat_task: asyncio.Task[None] | None = None
         self._eyes = between_eyes(default_skeleton())
-        self._updates = Updates(body_layout(default_skeleton(), self._eyes))
-        self._update = self._updates.without_body
+        self._layout = body_layout(default_skeleton(), self._eyes)
+        self._updates: dict[BoneParts | None, Updates | SkeletonUpdates] = {}  # by a driver's mask; None: older clients
+        self._body: BodyFrame | None = None  # None: no wearer is tracked
+        self._packets: dict[BoneParts | None, bytes] = {}  # updates of the body that have been built
         self._sent_skeleton: Skeleton = default_skeleton()
         self._last_body = -np.inf  # s, when a body was last sent
         self._paths = [settings.folder / name for name in (RPC, INPUT)]
@@ -134,7 +142,7 @@ class SolarxrLink:
         self._update_lengths(skeleton)
         self._last_body = asyncio.get_running_loop().time()
         if any(client.interval is not None for client in self._clients):
-            self._update = self._updates.packet(body_frame(*answer.in_signal, self._eyes))
+            self._replace_body(body_frame(*answer.in_signal, self._eyes))
             for client in self._clients:
                 self._schedule_update(client)
 
@@ -157,9 +165,28 @@ class SolarxrLink:
             return
         self._sent_skeleton, eyes = skeleton, between_eyes(skeleton)
         layout = body_layout(skeleton, eyes)
-        both = zip(layout.bones, self._updates.layout.bones, strict=True)
+        both = zip(layout.bones, self._layout.bones, strict=True)
         if max(abs(now - before) for (_, now), (_, before) in both) > _LENGTH_TOLERANCE:
-            self._updates, self._eyes = Updates(layout), eyes
+            self._layout, self._eyes = layout, eyes
+            self._updates.clear()
+            self._packets.clear()
+
+    def _replace_body(self, body: BodyFrame | None) -> None:
+        self._body = body
+        self._packets.clear()
+
+    def _update_for(self, client: _Client) -> bytes:
+        """Return the newest update as the client requests it."""
+        packet = self._packets.get(client.mask)
+        if packet is None:
+            updates = self._updates.get(client.mask)
+            if updates is None:
+                mask = client.mask
+                updates = Updates(self._layout) if mask is None else SkeletonUpdates(self._layout, mask)
+                self._updates[client.mask] = updates
+            packet = updates.without_body if self._body is None else updates.packet(self._body)
+            self._packets[client.mask] = packet
+        return packet
 
     async def _rpc(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         def write(packet: bytes) -> None:
@@ -182,10 +209,40 @@ class SolarxrLink:
             return
         self._clients.append(client)
         try:
+            device_input: DeviceInput | None = None
+            is_first = True
             async for packet in packets:
-                self._answer(client, packet)
+                if is_first and is_hello(packet):
+                    device_input = self._driver_input(client)
+                is_first = False
+                if device_input is None:
+                    self._answer(client, packet)
+                elif not self._answer_driver(client, device_input, packet):
+                    return
         finally:
             self._clients.remove(client)
+
+    def _driver_input(self, client: _Client) -> DeviceInput:
+        """Return the input of a client that speaks the protocol of SlimeVR 22."""
+
+        def names() -> list[str]:
+            return [other.driver for other in self._clients if other is not client]
+
+        reader = DriverReader(self._reader.devices, self._reader.sensors, names)
+        return DeviceInput(self._receive_frame, self._metrics, reader, self._points, group_time=0.0)
+
+    def _answer_driver(self, client: _Client, device_input: DeviceInput, packet: bytes) -> bool:
+        """Read and answer a packet of a driver. Return whether the connection continues."""
+        before = device_input.state
+        device_input.datagram_received(packet, None)
+        state = device_input.state
+        if state is before:  # too many packets
+            return True
+        for reply in state.replies:
+            self._send(client, reply)
+        client.driver, client.mask = state.name, state.mask
+        client.interval = None if state.mask is None else FASTEST
+        return not state.closes
 
     def _answer(self, client: _Client, packet: bytes) -> None:
         requests = read_bundle(packet)
@@ -195,7 +252,7 @@ class SolarxrLink:
         if requests.interval is not None:
             client.interval = max(requests.interval, FASTEST)
         if requests.polls:  # a runtime expects an update as its first message
-            self._send(client, self._update)
+            self._send(client, self._update_for(client))
         for transaction in requests.settings:
             self._send(client, settings_bundle(transaction))
 
@@ -213,7 +270,7 @@ class SolarxrLink:
         while True:
             await asyncio.sleep(_SLOWEST)
             if loop.time() - self._last_body > LOST:
-                self._update = self._updates.without_body
+                self._replace_body(None)
             for client in self._clients:
                 if loop.time() - client.sent >= _SLOWEST:
                     self._schedule_update(client)
@@ -230,7 +287,9 @@ class SolarxrLink:
 
     def _send_update(self, client: _Client) -> None:
         client.later, client.sent = None, asyncio.get_running_loop().time()
-        self._send(client, self._update)
+        if client.interval is None:  # a driver has withdrawn
+            return
+        self._send(client, self._update_for(client))
 
     def _send(self, client: _Client, packet: bytes) -> None:
         if client.transport.is_closing():

@@ -1,0 +1,1 @@
+"""Code that flatc writes from `schema/` (scripts/make_protocol_types.py); not edited."""

@@ -1,0 +1,1 @@
+"""Geometry of arms in a picture: directions, rotations, and windows over time."""
