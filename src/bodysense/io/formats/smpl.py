@@ -124,8 +124,8 @@ def joint_places(
         if layout is None and not _is_body(place):
             raise BodysenseError(
                 f"{path}: an array {values.shape} of HumanML3D's vectors, whose joints (recover_from_ric) are not a "
-                "body's; multiply it by the data set's Std.npy and add its Mean.npy, or give --points humanml3d to read "
-                "it unchanged"
+                "body's; multiply it by the data set's Std.npy and add its Mean.npy, or read it unchanged with "
+                "--points humanml3d"
             )
         remarks.append("read as HumanML3D's vectors, 263 numbers a frame")
         return JointPlaces(place, default_skeleton().joints[:22], _rate(path, arrays, rate, remarks), tuple(remarks))
