@@ -32,17 +32,26 @@ let hands: HandLandmarker | null = null;
 
 const send = (message: FromCamera, given: Transferable[] = []): void => postMessage(message, { transfer: given });
 
+/** Set the global by which MediaPipe's loader hands over its WebAssembly. MediaPipe clears it after each landmarker, and
+ * a second import of the loader does not run it again. */
+async function offerFactory(loader: string): Promise<void> {
+  const { default: ModuleFactory } = (await import(/* @vite-ignore */ loader)) as { readonly default: unknown };
+  Object.assign(globalThis, { ModuleFactory });
+}
+
 async function open(base: string): Promise<void> {
   const at = (name: string): string => new URL(name, base).href;
   const files = {
     wasmLoaderPath: at("vision_wasm_module_internal.js"),
     wasmBinaryPath: at("vision_wasm_module_internal.wasm"),
   };
+  await offerFactory(files.wasmLoaderPath);
   poses = await PoseLandmarker.createFromOptions(files, {
     baseOptions: { modelAssetPath: at(POSE), delegate: "CPU" },
     runningMode: "VIDEO",
     numPoses: 1,
   });
+  await offerFactory(files.wasmLoaderPath);
   hands = await HandLandmarker.createFromOptions(files, {
     baseOptions: { modelAssetPath: at(HANDS), delegate: "CPU" },
     runningMode: "VIDEO",
