@@ -1,7 +1,7 @@
 /* Placing bones, turning them onto directions, and two bones that reach a place. */
 #include "kinematics.h"
 #include "maths.h"
-
+#include "../constants.h"
 
 /* Some unit vector across a unit vector. */
 static vec3 any_across(vec3 u) {
@@ -70,7 +70,7 @@ void place_points(body *b, const vec3 *rest_offset, int anchor, vec3 place, int 
 }
 
 two_bones reach(vec3 end, float upper, float lower, vec3 side) {
-    float far = length(end), longest = STRAIGHT * (upper + lower), shortest = fabsf(upper - lower);
+    float far = length(end), longest = LIMB_STRAIGHT * (upper + lower), shortest = fabsf(upper - lower);
     vec3 direction = far > 1e-6F ? scale(end, 1.0F / far) : vec(0, -1, 0);
     float distance_to = fminf(fmaxf(far, shortest + 1e-5F), longest);
     float forward = 0.5F * (distance_to + (upper * upper - lower * lower) / distance_to);

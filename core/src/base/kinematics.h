@@ -24,8 +24,6 @@ static inline vec3 from_heading(vec3 v, float c, float s) { return vec(c * v.x +
  * is walked upward first. */
 void place_points(body *b, const vec3 *rest_offset, int anchor, vec3 place, int points);
 
-#define STRAIGHT 0.9995F /* of a limb's length: a limb is never quite straight */
-
 /* Two bones of lengths `upper` and `lower` (m) that reach from the origin to `end`, or point at it if it is too far. */
 typedef struct two_bones {
     vec3 middle, end; /* m, from the start */

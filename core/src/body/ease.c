@@ -2,9 +2,7 @@
 #include "ease.h"
 
 #include "../base/kinematics.h"
-
-static const float RAMP = 0.2F;    /* of the span: what an offset takes to get up speed, and to lose it */
-static const float FASTER = 1.25F; /* 1 / (1 − RAMP): highest speed relative to the mean speed */
+#include "../constants.h"
 
 vec3 limited(vec3 v, float most) {
     float size = length(v);
@@ -15,9 +13,9 @@ ease ease_begin(vec3 offset, float span) { return (ease){.from = offset, .span =
 
 /* The share of an offset that is gone after the share `u` of the span. */
 static float gone(float u) {
-    if (u < RAMP) return FASTER * u * u / (2.0F * RAMP);
-    if (u > 1.0F - RAMP) return 1.0F - FASTER * (1.0F - u) * (1.0F - u) / (2.0F * RAMP);
-    return FASTER * (u - 0.5F * RAMP);
+    if (u < EASE_RAMP) return EASE_FASTER * u * u / (2.0F * EASE_RAMP);
+    if (u > 1.0F - EASE_RAMP) return 1.0F - EASE_FASTER * (1.0F - u) * (1.0F - u) / (2.0F * EASE_RAMP);
+    return EASE_FASTER * (u - 0.5F * EASE_RAMP);
 }
 
 bool easing(const ease *e) { return e->age < e->span; }
@@ -34,8 +32,8 @@ void ease_advance(ease *e, float interval) {
 
 vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, bool breaks, float span, float steepest) {
     if (breaks) {
-        vec3 offset = sub(along(output_before, limited(speed, FASTEST), interval), goal);
-        *e = ease_begin(offset, span > interval ? fmaxf(span, FASTER * length(offset) / FASTEST) : 0.0F);
+        vec3 offset = sub(along(output_before, limited(speed, EASE_FASTEST), interval), goal);
+        *e = ease_begin(offset, span > interval ? fmaxf(span, EASE_FASTER * length(offset) / EASE_FASTEST) : 0.0F);
         e->speed = speed;
         e->goal = goal;
     } else {

@@ -34,10 +34,9 @@ void ease_advance(ease *e, float interval);
 /* Ease a vector (m) toward its goal and return what to output.
  *
  * If its motion breaks, the output keeps its speed (m/s) for a frame, and the difference to the goal decays over `span`
- * seconds from then on, or longer if it would move faster than FASTEST; at once if `span` is shorter than a frame. The
- * second frame gives the goal's speed; the output's speed approaches it along the span, if they differ by no more than
- * `steepest` (m/s). */
-#define FASTEST 10.0F /* m/s */
+ * seconds from then on, or longer if it would move faster than EASE_FASTEST; at once if `span` is shorter than a frame.
+ * The second frame gives the goal's speed; the output's speed approaches it along the span, if they differ by no more
+ * than `steepest` (m/s). */
 vec3 eased(ease *e, vec3 goal, vec3 output_before, vec3 speed, float interval, bool breaks, float span, float steepest);
 
 /* Ease a rotation as `eased` does a vector, with its spin in rad/s. */

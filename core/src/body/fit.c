@@ -8,21 +8,19 @@
 
 #include "../base/kinematics.h"
 #include "../base/maths.h"
+#include "../constants.h"
 #include "trunk.h"
 
-#define ROUNDS 16
-static const float DOUBT = 25.0F; /* 1/m: a point 4 cm off draws half as far as a sure one */
-static const float FADE = 0.25F;  /* s in which 63 % of a change fades after a measured point came or went */
-
-/* Share of a correction that each joint takes, relative to the other joint of its constraint. Limbs give way, the trunk
- * hardly does. Chosen on validation people, where halves and doubles of these numbers differ by less than 1 %. */
+/* Share of a correction that each joint takes. */
 static const float GIVES[BODY_JOINTS] = {
-    [PELVIS] = 0.2F,      [LEFT_HIP] = 0.2F,      [RIGHT_HIP] = 0.2F,     [SPINE1] = 0.2F,
-    [SPINE2] = 0.2F,      [SPINE3] = 0.2F,        [NECK] = 0.2F,          [HEAD] = 0.02F,
-    [LEFT_COLLAR] = 0.3F, [RIGHT_COLLAR] = 0.3F,  [LEFT_SHOULDER] = 0.3F, [RIGHT_SHOULDER] = 0.3F,
-    [LEFT_ELBOW] = 1.0F,  [RIGHT_ELBOW] = 1.0F,   [LEFT_WRIST] = 1.0F,    [RIGHT_WRIST] = 1.0F,
-    [LEFT_KNEE] = 1.0F,   [RIGHT_KNEE] = 1.0F,    [LEFT_ANKLE] = 1.0F,    [RIGHT_ANKLE] = 1.0F,
-    [LEFT_FOOT] = 1.0F,   [RIGHT_FOOT] = 1.0F,
+    [PELVIS] = GIVES_TRUNK, [LEFT_HIP] = GIVES_TRUNK, [RIGHT_HIP] = GIVES_TRUNK,
+    [SPINE1] = GIVES_TRUNK, [SPINE2] = GIVES_TRUNK, [SPINE3] = GIVES_TRUNK,
+    [NECK] = GIVES_TRUNK, [HEAD] = GIVES_HEAD, [LEFT_COLLAR] = GIVES_SHOULDER,
+    [RIGHT_COLLAR] = GIVES_SHOULDER, [LEFT_SHOULDER] = GIVES_SHOULDER, [RIGHT_SHOULDER] = GIVES_SHOULDER,
+    [LEFT_ELBOW] = GIVES_LIMB, [RIGHT_ELBOW] = GIVES_LIMB, [LEFT_WRIST] = GIVES_LIMB,
+    [RIGHT_WRIST] = GIVES_LIMB, [LEFT_KNEE] = GIVES_LIMB, [RIGHT_KNEE] = GIVES_LIMB,
+    [LEFT_ANKLE] = GIVES_LIMB, [RIGHT_ANKLE] = GIVES_LIMB, [LEFT_FOOT] = GIVES_LIMB,
+    [RIGHT_FOOT] = GIVES_LIMB,
 };
 
 /* Distances that keep the shape of pelvis and chest, as predicted. */
@@ -68,7 +66,7 @@ static void find_places(const tracked *t, const body *b, vec3 found[BODY_JOINTS]
     vec3 displacement[BODY_JOINTS];
     for (int j = 0; j < BODY_JOINTS; j++) {
         bool seen = t->has_position[j], spine = j == PELVIS || j == SPINE1 || j == SPINE2 || j == SPINE3;
-        float doubt = DOUBT * t->accuracy[j];
+        float doubt = FIT_DOUBT * t->accuracy[j];
         share[j] = seen ? 1.0F / (1.0F + doubt * doubt) : 0.0F;
         size[j] = length(t->rest_offset[j]);
         /* Joints beyond a measured one start with its displacement. */
@@ -77,7 +75,7 @@ static void find_places(const tracked *t, const body *b, vec3 found[BODY_JOINTS]
         found[j] = seen ? b->point[j] : add(b->point[j], carried);
     }
     for (int k = 0; k < STIFF_COUNT; k++) stiff[k] = distance(b->point[STIFF[k][0]], b->point[STIFF[k][1]]);
-    for (int round = 0; round < ROUNDS; round++) {
+    for (int round = 0; round < FIT_ROUNDS; round++) {
         for (int j = 1; j < BODY_JOINTS; j++) {
             int parent = PARENT[j];
             if (known_rotation(t, parent)) { /* a bone that a measured rotation turns */
@@ -124,7 +122,7 @@ void fit_prediction(const tracked *t, pose_state *s, prediction *p) {
         p->rotation[j] = turned_onto(p->rotation[j], sub(b.point[end], b.point[j]), sub(found[end], found[j]));
     }
     /* Joints are turned without a jump if a measured point came or went. */
-    float left = t->at_once ? 0.0F : exponential(-t->interval / FADE);
+    float left = t->at_once ? 0.0F : exponential(-t->interval / FIT_FADE);
     for (int j = 0; j < BODY_JOINTS; j++) {
         fitting *joint = &s->fitting[j];
         vec3 turn = turn_between(before[j], p->rotation[j]);

@@ -3,10 +3,7 @@
 
 #include "../base/kinematics.h"
 #include "../network/model.h"
-
-static const float GOES = 0.4F;   /* m/s along the floor: a head that sways or looks about is slower, a walker's faster */
-static const float COURSE = 0.5F; /* s in which half of a change of course is followed: as long as a step */
-static const float SHORTEST_LINE = 0.1F; /* m: a shorter line from right to left gives no heading */
+#include "../constants.h"
 
 /* The rotation of a head that is placed but not turned: the chest's or pelvis's, else level and facing as the body. */
 static mat3 likely_rotation(const pose_state *s, const tracked *t) {
@@ -50,5 +47,6 @@ vec3 next_course(const pose_state *s, const tracked *t) {
         heading_of(t->rotation[HEAD], &cosine, &sine);
         return vec(sine, 0, cosine);
     }
-    return length(goes) < GOES ? s->course : unit(mix(s->course, unit(goes), 1.0F - power_of_two(-t->interval / COURSE)));
+    float share = 1.0F - power_of_two(-t->interval / COURSE_HALF_LIFE);
+    return length(goes) < COURSE_SPEED ? s->course : unit(mix(s->course, unit(goes), share));
 }

@@ -3,15 +3,11 @@
 
 #include "../base/kinematics.h"
 #include "../base/maths.h"
+#include "../constants.h"
 
 /* Points that affect the whole predicted body; the two hips count together. Cameras lose and find the other points in
  * most frames, so those are ignored. */
 static const int DECISIVE[] = {HEAD, PELVIS, LEFT_WRIST, RIGHT_WRIST, LEFT_ANKLE, RIGHT_ANKLE};
-
-/* Chosen on validation people. */
-static const float HALF_LIFE = 0.1F; /* s in which an offset at rest halves */
-static const float TRUSTED = 0.7F; /* share of a joint's spin that remains after each frame with a change of sensors */
-static const float CARRIED = 0.5F; /* share of the change of a joint's spin that is made gradual */
 
 static bool decisive_change(const tracked *t, const pose_state *s) {
     for (size_t k = 0; k < sizeof DECISIVE / sizeof *DECISIVE; k++)
@@ -22,7 +18,7 @@ static bool decisive_change(const tracked *t, const pose_state *s) {
 
 /* Advance the spring of one joint by `interval` seconds. */
 static void fade(offset_decay *joint, float interval) {
-    const float stiffness = 1.678F / HALF_LIFE; /* 1/s: (1 + x)·exp(−x) is a half at x = 1.678 */
+    const float stiffness = 1.678F / OFFSET_HALF_LIFE; /* 1/s: (1 + x)·exp(−x) is a half at x = 1.678 */
     vec3 pace = along(joint->speed, joint->off, stiffness);
     float remaining = exponential(-stiffness * interval);
     joint->off = scale(along(joint->off, pace, interval), remaining);
@@ -38,11 +34,11 @@ void decay_offsets(const tracked *t, pose_state *s, prediction *p) {
         if (changed) {
             mat3 expected = turned_by(joint->predicted, scale(joint->spin, t->interval));
             joint->off = add(joint->off, turn_between(predicted, expected));
-            joint->spin = scale(joint->spin, TRUSTED);
+            joint->spin = scale(joint->spin, OFFSET_TRUSTED);
         } else if (s->begun) {
             vec3 spin = scale(turn_between(joint->predicted, predicted), 1.0F / t->interval);
             if (s->sensors_changed) {
-                vec3 carried = scale(sub(joint->spin, spin), CARRIED);
+                vec3 carried = scale(sub(joint->spin, spin), OFFSET_CARRIED);
                 joint->off = along(joint->off, carried, t->interval);
                 joint->speed = add(joint->speed, carried);
             }

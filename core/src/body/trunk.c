@@ -2,9 +2,7 @@
 #include "trunk.h"
 
 #include "../base/kinematics.h"
-
-static const float LEAST_MOVE = 1e-4F; /* m: the spine is not bent for less, which rounding alone may ask for */
-static const float SPINE_BACK = 0.3F;  /* of its length: how far a straight spine bends backward first */
+#include "../constants.h"
 
 void place(body *b, const tracked *t, vec3 head) {
     for (int j = BODY_JOINTS; j < BS_JOINTS; j++)
@@ -57,7 +55,7 @@ void turn_neck(body *b, const tracked *t) {
 }
 
 void bend_spine(body *b, const tracked *t, vec3 move) {
-    if (dot(move, move) < LEAST_MOVE * LEAST_MOVE) return;
+    if (dot(move, move) < SPINE_LEAST_MOVE * SPINE_LEAST_MOVE) return;
     bool chest = t->has_position[SPINE3] || known_rotation(t, SPINE3);
     vec3 top = b->point[chest ? SPINE3 : NECK];
     vec3 upper = sub(b->point[SPINE2], top), lower = sub(b->point[SPINE1], b->point[SPINE2]);

@@ -3,10 +3,7 @@
 
 #include "../base/kinematics.h"
 #include "../base/maths.h"
-
-static const float SHOULDER_DOUBT = 25.0F; /* 1/m: a shoulder 4 cm off turns its collar half as far as a sure one */
-static const float COLLAR_GIVES = 0.8F;    /* of a collar's length: what it gives an arm that is too short */
-static const float KEPT_WRIST = 10.0F;     /* s: a lost hand mostly keeps its rotation */
+#include "../constants.h"
 
 /* Where a shoulder goes: where it is measured, or where a measured elbow or a far wrist pulls it. From its collar, m. */
 static vec3 pulled_shoulder(const tracked *t, int limb, vec3 collar, vec3 shoulder, const limb_task *task) {
@@ -17,10 +14,10 @@ static vec3 pulled_shoulder(const tracked *t, int limb, vec3 collar, vec3 should
     vec3 pulled = from;
     if (task->middle_seen) {
         pulled = reach(add(from, task->middle), size, upper, from).middle;
-        float doubt = SHOULDER_DOUBT * t->accuracy[j->middle];
+        float doubt = COLLAR_DOUBT * t->accuracy[j->middle];
         pulled = mix(from, pulled, 1.0F / (1.0F + doubt * doubt));
     } else if (task->end_seen) {
-        float lacking = length(task->end) - STRAIGHT * (upper + lower);
+        float lacking = length(task->end) - LIMB_STRAIGHT * (upper + lower);
         if (lacking > 0.0F) pulled = along(from, unit(task->end), lacking);
     }
     vec3 given = limited(sub(pulled, from), COLLAR_GIVES * size);
@@ -32,7 +29,7 @@ void move_arm(body *b, const tracked *t, const mat3 goal[BODY_JOINTS], const bs_
     const limb_joints *j = &LIMB[limb];
     vec3 collar = b->point[j->carrier], shoulder = b->point[j->start], before = sub(shoulder, collar);
     if (t->has_position[j->start] && !known_rotation(t, j->carrier)) {
-        float doubt = SHOULDER_DOUBT * t->accuracy[j->start];
+        float doubt = COLLAR_DOUBT * t->accuracy[j->start];
         vec3 off = scale(sub(t->position[j->start], shoulder), 1.0F / (1.0F + doubt * doubt));
         shoulder = along(collar, unit(add(before, off)), length(before));
     }
@@ -77,7 +74,7 @@ void keep_wrists(body *b, const tracked *t, pose_state *s) {
         }
         if (s->wrist_lost[k] < 0.0F) continue;
         s->wrist_lost[k] += t->interval;
-        float u = s->wrist_lost[k] / KEPT_WRIST;
+        float u = s->wrist_lost[k] / WRIST_KEPT;
         vec3 turn = turn_between(b->rotation[wrist], product(chest_heading(b), s->wrist_kept[k]));
         b->rotation[wrist] = turned_by(b->rotation[wrist], scale(turn, (1.0F + u) * exponential(-u)));
     }

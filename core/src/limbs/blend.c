@@ -1,19 +1,8 @@
 /* Blending a limb at a time: see blend.h. */
 #include "blend.h"
+
 #include "../base/maths.h"
-
-/* A lost wrist or ankle keeps its velocity, which fades in LEAVING s, and is blended into the prediction. Half of the
- * distance remains after KEPT s, of a raised arm's after KEPT_RAISED s of a head that moves,
- * of a resting one's after KEPT_LOW s. Chosen on validation people. */
-static const float LEAVING = 0.08F, KEPT_LEG = 0.12F, KEPT_ARM = 0.35F, KEPT_RAISED = 3.0F, KEPT_LOW = 1.0F;
-
-/* A lost hand that hung and rested stays while the head is still: below the first of an arm's length under the shoulder,
- * in full from the second less on, up to a speed in m/s. Recorded hands that gesture or swing are higher or faster. Chosen
- * on scripted scenes: with KEPT_LOW as for other arms a hand rises by 40 cm while the other one reaches up. */
-static const float LOW_HAND = -0.5F, LOWER = 0.2F, HANGS = 0.3F;
-
-/* m/s: largest speed difference between a hand and its goal when it is found or lost. Feet swing too fast for it. */
-static const float STEEPEST_ARM = 3.0F;
+#include "../constants.h"
 
 /* The group of each joint of the body. */
 const signed char GROUP[BODY_JOINTS] = {
@@ -47,10 +36,10 @@ static uint8_t seen_by(const tracked *t, int limb) {
 /* Let a lost end wane for a frame. Returns the share that is left of where it was last seen. */
 static float kept_share(const limb_task *task, const tracked *t, int limb, limb_state *l) {
     float height = l->end_kept.y / (length(task->upper) + length(task->lower));
-    float raised = is_leg(limb) ? 0.0F : fminf(fmaxf((height + 0.1F) / 0.4F, 0.0F), 1.0F);
-    float low = fminf(fmaxf((LOW_HAND - height) / LOWER, 0.0F), 1.0F);
-    float rests = is_leg(limb) ? 0.0F : low * fmaxf(1.0F - length(l->end_leaving) / HANGS, 0.0F);
-    float half = is_leg(limb) ? KEPT_LEG : KEPT_ARM + (KEPT_RAISED - KEPT_ARM) * raised + (KEPT_LOW - KEPT_ARM) * rests;
+    float raised = is_leg(limb) ? 0.0F : fminf(fmaxf((height - RAISED_FROM) / RAISED_SPAN, 0.0F), 1.0F);
+    float low = fminf(fmaxf((LOW_HAND - height) / LOW_HAND_SPAN, 0.0F), 1.0F);
+    float rests = is_leg(limb) ? 0.0F : low * fmaxf(1.0F - length(l->end_leaving) / LOW_HAND_SPEED, 0.0F);
+    float half = is_leg(limb) ? LOST_LEG : LOST_ARM + (LOST_RAISED - LOST_ARM) * raised + (LOST_LOW - LOST_ARM) * rests;
     l->waned += t->interval + (t->waning - t->interval) * fmaxf(raised, rests);
     float u = l->waned / half;
     return power_of_two(-u * u / (1.0F + u) * 2.0F);
@@ -65,7 +54,7 @@ void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, i
     if (went && seen == 0 && !middle_seen) {
         l->end_kept = l->end_output;
         l->middle_kept = l->middle_output;
-        l->end_leaving = limited(l->end_speed, FASTEST);
+        l->end_leaving = limited(l->end_speed, EASE_FASTEST);
         l->lost = l->waned = 0.0F;
         l->end = l->middle = ease_begin(vec(0, 0, 0), 0.0F); /* what is kept is what was output, eased or not */
     }
@@ -73,7 +62,7 @@ void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, i
     if (l->lost >= 0.0F) {
         l->lost += t->interval;
         float share = kept_share(task, t, limb, l);
-        float gone = LEAVING * (1.0F - exponential(-l->lost / LEAVING));
+        float gone = LOST_LEAVING * (1.0F - exponential(-l->lost / LOST_LEAVING));
         end = mix(end, along(l->end_kept, l->end_leaving, gone), share);
         middle = mix(middle, along(l->middle_kept, l->end_leaving, 0.5F * gone), share);
     }
@@ -85,7 +74,7 @@ void ease_limb(limb_task *task, const tracked *t, const bs_settings *settings, i
     /* Offsets that held or pulled a predicted joint are kept when it is measured. */
     vec3 end_held = found ? into_heading(l->end_held, c, sine) : vec(0, 0, 0);
     vec3 middle_held = middle_found ? into_heading(l->middle_held, c, sine) : vec(0, 0, 0);
-    float steepest = is_leg(limb) ? 0.0F : STEEPEST_ARM;
+    float steepest = is_leg(limb) ? 0.0F : ARM_STEEPEST;
     end = eased(&l->end, end, add(l->end_output, end_held), l->end_speed, t->interval, end_breaks,
                 seen > 0 ? ease_seen : BLEND, steepest);
     middle = eased(&l->middle, middle, add(l->middle_output, middle_held), l->middle_speed, t->interval, middle_breaks,

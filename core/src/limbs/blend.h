@@ -6,8 +6,6 @@
 
 enum { TRUNK = LIMBS, GROUPS }; /* the limbs, and the trunk with the head */
 
-#define BLEND 0.25F /* s in which predicted joints are eased after sensors of their group came or went */
-
 /* The group of each joint of the body. */
 extern const signed char GROUP[BODY_JOINTS];
 

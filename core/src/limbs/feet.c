@@ -6,18 +6,6 @@
 #include "../constants.h"
 #include "steps.h"
 
-static const float HOLD = 0.5F, RELEASE = 0.1F; /* probability of contact from which a foot is held, and let go */
-static const float SURE = 0.7F;   /* probability of contact from which a foot is put on the floor entirely */
-static const float FADE = 0.16F;  /* s in which half of what a released foot was held back by fades */
-static const float LEVEL = 0.3F;  /* of a foot: a steeper one points nowhere */
-static const float LEAK = 6.0F;   /* s in which half of what a standing foot is held back by is given up */
-static const float SETTLE = 0.06F; /* s in which half of a foot's height over the floor is taken away */
-static const float SOLE = 0.01F;  /* m: a foot that is over its rest height by less stands: recorded feet do */
-static const float FLAT_FROM = 0.15F; /* s: a foot that stands on its heel for longer is flat on the floor */
-static const float FLAT_UNTIL = 0.3F; /* probability of an ankle's contact until which it goes on to be flat */
-static const float STILL = 0.6F;  /* of SOLE: what is left out for those who stand still */
-static const float REACH = 0.25F; /* m: a foot is moved no farther up or down to the floor */
-
 static float rest_height(const foot *f, int part) { return part == 1 ? f->ankle_rest : f->ball_rest; }
 
 /* How far a part of a foot is too high to stand, or too low: below 0 (m). `sole` is how high it may be. */
@@ -31,21 +19,21 @@ static float height_over(const foot *f, float floor, float sole) {
     return fminf(too_high(f->ankle.y, f->ankle_rest, floor, sole), too_high(f->ball.y, f->ball_rest, floor, sole));
 }
 
-float flatness(const foot_state *s) { return clamp((s->stood - FLAT_FROM) / FLAT_FROM, 0.0F, 1.0F); }
+float flatness(const foot_state *s) { return clamp((s->stood - FOOT_FLAT_FROM) / FOOT_FLAT_FROM, 0.0F, 1.0F); }
 
 /* Which part holds now: the one that held stays as long as it may, then the surer one. */
 static int holding(const foot *f, int before) {
     if (f->seen) return 0;
-    if (before == 1 && f->ankle_contact >= RELEASE) return 1;
-    if (before == 2 && f->ball_contact >= RELEASE) return 2;
-    if (fmaxf(f->ankle_contact, f->ball_contact) < HOLD) return 0;
+    if (before == 1 && f->ankle_contact >= FOOT_RELEASE) return 1;
+    if (before == 2 && f->ball_contact >= FOOT_RELEASE) return 2;
+    if (fmaxf(f->ankle_contact, f->ball_contact) < FOOT_HOLD) return 0;
     return f->ankle_contact > f->ball_contact + 1e-5F ? 1 : 2;
 }
 
 /* The rest of the offset of a foot that is no longer held, after a frame. */
 static vec3 given_back(vec3 slide, float fade, float interval) {
     float size = length(slide);
-    return size > 0.0F ? scale(slide, fmaxf(fade, 1.0F - RETURN_SPEED * interval / size)) : slide;
+    return size > 0.0F ? scale(slide, fmaxf(fade, 1.0F - FOOT_RETURN_SPEED * interval / size)) : slide;
 }
 
 /* Hold the turn of a foot that stands. `fresh`: it is put down now. */
@@ -53,7 +41,7 @@ static void hold_turn(const foot *f, foot_state *s, bool fresh, float leak, floa
     vec3 bone = sub(f->ball, f->ankle), level = vec(bone.x, 0, bone.z), now = unit(level), ahead = s->ahead;
     bool points = length(ahead) > 0.0F;
     s->ahead = vec(0, 0, 0);
-    if (f->turned || length(level) < LEVEL * length(bone)) return;
+    if (f->turned || length(level) < FOOT_LEVEL * length(bone)) return;
     if (!fresh && points) s->turn = leak * angle_of(now.z * ahead.x - now.x * ahead.z, dot(now, ahead));
     s->turn = clamp(s->turn, -most, most);
     float sine, cosine;
@@ -70,12 +58,12 @@ static vec3 turned_ball(const foot *f, float turn) {
 
 void hold_feet(const foot foot[2], carrier body, float floor, float interval, float upright, foot_state state[2],
                foot_move move[2]) {
-    float fade = power_of_two(-interval / FADE), settle = 1.0F - power_of_two(-interval / SETTLE);
-    float leak = power_of_two(-interval / LEAK), unturn = power_of_two(-interval / TURN_LEAK);
+    float fade = power_of_two(-interval / FOOT_FADE), settle = 1.0F - power_of_two(-interval / FOOT_SETTLE);
+    float leak = power_of_two(-interval / FOOT_LEAK), unturn = power_of_two(-interval / FOOT_TURN_LEAK);
     /* People who stand still on both feet stand lower, and their feet do not slide because the prediction sways. */
     float still = fminf(flatness(&state[0]), flatness(&state[1]));
-    float sole = SOLE * (1.0F - STILL * still), drag = DRAG + (DRAG_STANDING - DRAG) * still;
-    float most_turn = MOST_TURN * still;
+    float sole = FOOT_SOLE * (1.0F - FOOT_STILL * still), drag = FOOT_DRAG + (FOOT_DRAG_STANDING - FOOT_DRAG) * still;
+    float most_turn = FOOT_MOST_TURN * still;
     float hovering = fmaxf(fminf(height_over(&foot[0], floor, sole), height_over(&foot[1], floor, sole)), 0.0F);
     int part[2];
     for (int k = 0; k < 2; k++) {
@@ -105,24 +93,24 @@ void hold_feet(const foot foot[2], carrier body, float floor, float interval, fl
             if (fresh || stepping) put_down(s, body, s->anchor);
             else strain_foot(s, body, fmaxf(f->ankle_contact, f->ball_contact), interval);
             drop = too_high(at.y, rest_height(f, part[k]), floor, sole);
-            drop *= clamp((contact - RELEASE) / (SURE - RELEASE), 0.0F, 1.0F);
+            drop *= clamp((contact - FOOT_RELEASE) / (FOOT_SURE - FOOT_RELEASE), 0.0F, 1.0F);
         } else s->strain = 0.0F;
         if (hovering > 0.0F) drop = fmaxf(drop, upright * hovering); /* a standing body has a foot on the floor */
         if (!f->seen) drop = fmaxf(drop, f->kneels * fmaxf(height_over(f, floor, sole), 0.0F));
-        bool rests = (f->ankle_contact >= (s->stood > 0.0F ? FLAT_UNTIL : HOLD) || stepping) && !f->seen;
+        bool rests = (f->ankle_contact >= (s->stood > 0.0F ? FOOT_FLAT_UNTIL : FOOT_HOLD) || stepping) && !f->seen;
         s->stood = rests ? s->stood + interval : 0.0F;
         s->held = (uint8_t)part[k];
-        s->drop += settle * (clamp(drop, -REACH, REACH) - s->drop);
+        s->drop += settle * (clamp(drop, -FOOT_REACH, FOOT_REACH) - s->drop);
         move[k] = (foot_move){{0, 0, 0}, 0.0F};
         if (f->seen) {
             s->slide = vec(0, 0, 0);
             s->turn = s->drop = s->step.span = 0.0F;
-            if (!f->met) move[k].shift.y = clamp(floor - f->ankle.y, 0.0F, 2.0F * REACH); /* an ankle that is eased */
+            if (!f->met) move[k].shift.y = clamp(floor - f->ankle.y, 0.0F, 2.0F * FOOT_REACH); /* an ankle that is eased */
             continue;
         }
         move[k] = (foot_move){vec(s->slide.x, -s->drop, s->slide.z), s->turn};
         float lowest = fminf(fminf(f->ankle.y, f->ball.y), f->toe.y) - s->drop - floor;
-        if (lowest < 0.0F) move[k].shift.y += fminf(-lowest, 2.0F * REACH); /* never under the floor */
+        if (lowest < 0.0F) move[k].shift.y += fminf(-lowest, 2.0F * FOOT_REACH); /* never under the floor */
         move[k].shift.y += fmaxf(lift - fmaxf(height_over(f, floor, 0.0F) - s->drop, 0.0F), 0.0F);
     }
     begin_step(state);

@@ -4,25 +4,14 @@
 #include "../base/kinematics.h"
 #include "../base/maths.h"
 #include "../body/trunk.h"
+#include "../constants.h"
 #include "feet.h"
-
-#define PULLS 6 /* times that measured legs pull a pelvis */
-static const float MAX_PELVIS_SHIFT = 0.15F; /* m, largest shift of the pelvis toward targets out of reach */
-static const float SETTLE = 0.06F;     /* s in which half of what a standing pelvis lacks is made up */
-static const float LOW_HEAD = 0.71F;    /* of a standing head's height: a lower head sits low, kneels or lies */
-static const float SEATED = 0.76F;     /* of it: a higher head stands, or sits on a chair */
-static const float STRETCHED = 0.92F;  /* of it: a body lands from a jump with a head that is higher */
-static const float KNEELS = 0.12F, MAY_STAND = 0.2F; /* m over the floor: a knee below lies there with its shin, one above may carry */
-static const float STEEP = 0.1F; /* of a shin's length along the floor: a steeper one is laid backward */
-static const float LOW_PELVIS = 0.75F, BOWS = 0.85F; /* of a standing pelvis's height: bowing people keep it higher, sitting people lower */
-static const float STEADY = 0.7F;      /* m/s: a head that moves faster up or down belongs to a body that jumps */
-static const float FALLING = 2.0F;     /* m/s, of a head that goes down below that: a slower one sits down or crouches */
 
 /* How far the pelvis has to move for a leg whose measured knee or ankle it does not reach. */
 static vec3 leg_lack(const limb_task *task) {
     float upper = length(task->upper), lower = length(task->lower);
     if (task->middle_seen) return sub(task->middle, scale(unit(task->middle), upper));
-    float lacking = length(task->end) - STRAIGHT * (upper + lower);
+    float lacking = length(task->end) - LIMB_STRAIGHT * (upper + lower);
     return task->end_seen && lacking > 0.0F ? scale(unit(task->end), lacking) : vec(0, 0, 0);
 }
 
@@ -43,7 +32,7 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
     uint8_t pulling = 0;
     for (int k = 0; k < 2; k++)
         if (!pelvis_seen(t)) pulling |= (uint8_t)((task[k].middle_seen ? 1 : 0) + (task[k].end_seen ? 2 : 0)) << 2 * k;
-    for (int round = 0; round < PULLS && pulling != 0; round++) {
+    for (int round = 0; round < PELVIS_PULLS && pulling != 0; round++) {
         vec3 lack = vec(0, 0, 0);
         float count = 0.0F;
         for (int k = 0; k < 2; k++) {
@@ -52,7 +41,7 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
             count += 1.0F;
         }
         vec3 pelvis_shift = sub(b->point[PELVIS], before);
-        move_pelvis(b, t, task, sub(limited(along(pelvis_shift, lack, 1.0F / count), MAX_PELVIS_SHIFT), pelvis_shift));
+        move_pelvis(b, t, task, sub(limited(along(pelvis_shift, lack, 1.0F / count), PELVIS_MOST_SHIFT), pelvis_shift));
     }
     vec3 pelvis_shift = sub(b->point[PELVIS], before);
     bool breaks = s->begun && pulling != s->pulling;
@@ -68,12 +57,12 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
 /* 1 if feet carry the body: it stands, walks, crouches or is on a chair; 0 if it lies, sits on the floor or jumps. */
 static float uprightness(const body *b, const tracked *t, const pose_state *s) {
     float tall = standing_height(t, HEAD), high = b->point[HEAD].y - t->floor;
-    float risen = fminf(fmaxf((high / tall - LOW_HEAD) / (SEATED - LOW_HEAD), 0.0F), 1.0F);
+    float risen = fminf(fmaxf((high / tall - HEAD_LOW) / (HEAD_SEATED - HEAD_LOW), 0.0F), 1.0F);
     float carried = (b->point[PELVIS].y - t->floor) / standing_height(t, PELVIS);
-    risen = fmaxf(risen, fminf((carried - LOW_PELVIS) / (BOWS - LOW_PELVIS), 1.0F));
-    float fastest = s->head_speed.y < 0.0F && high < STRETCHED * tall ? FALLING : STEADY;
+    risen = fmaxf(risen, fminf((carried - PELVIS_LOW) / (PELVIS_BOWS - PELVIS_LOW), 1.0F));
+    float fastest = s->head_speed.y < 0.0F && high < HEAD_STRETCHED * tall ? HEAD_FALLING : HEAD_STEADY;
     float calm = fminf(fmaxf((fastest - fabsf(s->head_speed.y)) / (0.5F * fastest), 0.0F), 1.0F);
-    return high > tall + 0.03F ? 0.0F : risen * calm;
+    return high > tall + HEAD_OVER ? 0.0F : risen * calm;
 }
 
 /* How much lower the pelvis must be for a leg or a thigh to reach its end (m). */
@@ -107,7 +96,7 @@ static two_bones lay_shin(two_bones to, vec3 back, float least) {
     vec3 shin = sub(to.end, to.middle);
     float size = length(shin), up = fminf(fmaxf(least - to.middle.y, -size), size);
     if (to.end.y >= least) return to;
-    vec3 level = unit(add(vec(shin.x, 0, shin.z), scale(back, STEEP * size)));
+    vec3 level = unit(add(vec(shin.x, 0, shin.z), scale(back, SHIN_STEEP * size)));
     to.end = add(to.middle, along(scale(level, sqrtf(size * size - up * up)), UP, up));
     return to;
 }
@@ -155,7 +144,7 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         f->turned = known_rotation(t, j->end);
         f->met = t->has_position[j->end] && !easing(&s->limb[LEFT_LEG + k].end);
         float knee = b->point[j->start].y + to.middle.y - t->floor;
-        f->kneels = fminf(fmaxf((MAY_STAND - knee) / (MAY_STAND - KNEELS), 0.0F), 1.0F);
+        f->kneels = fminf(fmaxf((KNEE_UP - knee) / (KNEE_UP - KNEE_DOWN), 0.0F), 1.0F);
     }
     vec3 move[2] = {{0, 0, 0}, {0, 0, 0}};
     if (settings->hold_feet) {
@@ -166,10 +155,10 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
             turn_foot(b, t, LEFT_ANKLE + k, LEFT_FOOT + k, moved[k].turn);
         }
     }
-    float lacking = 0.0F, settle = 1.0F - power_of_two(-t->interval / SETTLE);
+    float lacking = 0.0F, settle = 1.0F - power_of_two(-t->interval / PELVIS_SETTLE);
     for (int k = 0; k < 2; k++) {
         if (s->foot[k].held == 0 || s->foot[k].step.span > 0.0F) continue;
-        float longest = STRAIGHT * (length(task[k].upper) + length(task[k].lower));
+        float longest = LIMB_STRAIGHT * (length(task[k].upper) + length(task[k].lower));
         vec3 end = add(feet[k].ankle, move[k]);
         if (task[k].middle_turned) { /* a shin with a measured rotation does not stretch the leg */
             longest = length(task[k].upper);
@@ -178,7 +167,7 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         lacking = fmaxf(lacking, lacking_height(b->point[LEFT_HIP + k], end, longest));
     }
     if (pelvis_seen(t)) lacking = 0.0F;
-    s->standing_drop += settle * (fminf(lacking, MAX_PELVIS_SHIFT) - s->standing_drop);
+    s->standing_drop += settle * (fminf(lacking, PELVIS_MOST_SHIFT) - s->standing_drop);
     vec3 pelvis = b->point[PELVIS];
     bend_spine(b, t, vec(0, -s->standing_drop, 0));
     vec3 pelvis_shift = sub(b->point[PELVIS], pelvis);

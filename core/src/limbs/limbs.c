@@ -3,6 +3,7 @@
 
 #include "../base/kinematics.h"
 #include "../base/maths.h"
+#include "../constants.h"
 
 const limb_joints LIMB[LIMBS] = {
     {LEFT_COLLAR, LEFT_SHOULDER, LEFT_ELBOW, LEFT_WRIST,
@@ -12,18 +13,6 @@ const limb_joints LIMB[LIMBS] = {
     {PELVIS, LEFT_HIP, LEFT_KNEE, LEFT_ANKLE, {LEFT_FOOT, -1, -1, -1, -1}},
     {PELVIS, RIGHT_HIP, RIGHT_KNEE, RIGHT_ANKLE, {RIGHT_FOOT, -1, -1, -1, -1}},
 };
-
-/* As a share of a limb's length: weight of the natural side in the direction of an unmeasured middle joint. It decides
- * for nearly straight limbs. Chosen on validation people. */
-static const float BENT_ARM = 0.03F, BENT_LEG = 0.1F;
-/* Sine of an elbow's angle: up to the first an arm is too straight to say about which axis it bends, from the second on it
- * says so. Chosen on validation people, where halves and doubles change elbows by less than 0.1°. */
-static const float STRAIGHT_ARM = 0.1F, BENT = 0.35F;
-/* Sums of a hinge before anything was learned: 11° from the vertical, between CMU's 30° and -8° to 0 of avatars. */
-static const float PRIOR_UPRIGHT = 0.49F, PRIOR_TILTED = 0.1F;
-static const float LEARNING_RATE = 30.0F; /* 1/s */
-static const float MOST_LEARNED = 300.0F; /* as much as 10 s of bent elbows: a session may go on for hours */
-static const float HINGE = 2.0F; /* weight of measured pelvis and foot for a knee, relative to the network */
 
 /* The direction in which a limb's middle joint never goes, turned with the limb from its predicted upper bone. */
 static vec3 unnatural_side(int limb, mat3 start, vec3 upper, vec3 direction) {
@@ -45,10 +34,10 @@ static vec3 natural_middle(const tracked *t, int limb, const limb_task *task, ma
     vec3 direction = unit(task->end);
     vec3 unnatural = unnatural_side(limb, start, task->upper, direction);
     float wrong = is_leg(limb) ? fmaxf(dot(task->middle, unnatural), 0.0F) : 0.0F;
-    vec3 side = along(task->middle, unnatural, -(wrong + (is_leg(limb) ? BENT_LEG : BENT_ARM) * whole));
+    vec3 side = along(task->middle, unnatural, -(wrong + (is_leg(limb) ? LEG_BENT : ARM_BENT) * whole));
     vec3 hinge = measured_hinge(t, limb);
     if (dot(hinge, hinge) == 0.0F) return side;
-    return add(unit(across(side, direction)), scale(cross(direction, hinge), HINGE));
+    return add(unit(across(side, direction)), scale(cross(direction, hinge), KNEE_HINGE));
 }
 
 void keep_forward(limb_task *task, const tracked *t, int limb, mat3 thigh) {
@@ -131,7 +120,7 @@ two_bones solve_limb(const limb_task *task) {
 /* The axis about which an elbow bends in the T-pose, across its bone: downward on the left, upward on the right. */
 static vec3 hinge_axis(const tracked *t, int limb, const hinge_state *hinge) {
     float side = limb == LEFT_ARM ? 1.0F : -1.0F;
-    vec3 axis = vec(0, -side * (hinge->upright + PRIOR_UPRIGHT), side * (hinge->tilted + PRIOR_TILTED));
+    vec3 axis = vec(0, -side * (hinge->upright + HINGE_UPRIGHT), side * (hinge->tilted + HINGE_TILTED));
     return unit(across(axis, unit(t->rest_offset[LIMB[limb].middle])));
 }
 
@@ -141,13 +130,13 @@ void learn_hinge(const tracked *t, int limb, const mat3 rotation[BODY_JOINTS], h
     mat3 bend = product(transpose(rotation[j->start]), rotation[j->middle]);
     float side = limb == LEFT_ARM ? 1.0F : -1.0F; /* sin(angle) axis = (m - mᵀ) / 2 */
     float upright = 0.5F * side * (bend.x.z - bend.z.x), tilted = 0.5F * side * (bend.x.y - bend.y.x);
-    float bent = sqrtf(upright * upright + tilted * tilted), share = t->interval * LEARNING_RATE;
+    float bent = sqrtf(upright * upright + tilted * tilted), share = t->interval * HINGE_RATE;
     hinge->upright += share * bent * upright;
     hinge->tilted += share * bent * tilted;
     float size = sqrtf(hinge->upright * hinge->upright + hinge->tilted * hinge->tilted);
-    if (size > MOST_LEARNED) {
-        hinge->upright *= MOST_LEARNED / size;
-        hinge->tilted *= MOST_LEARNED / size;
+    if (size > HINGE_MOST) {
+        hinge->upright *= HINGE_MOST / size;
+        hinge->tilted *= HINGE_MOST / size;
     }
 }
 
@@ -157,7 +146,7 @@ void hinge_elbow(body *b, const tracked *t, int limb, const hinge_state *hinge) 
     vec3 upper = unit(rotate(b->rotation[j->start], t->rest_offset[j->middle]));
     vec3 lower = rotate(b->rotation[j->middle], t->rest_offset[j->end]);
     vec3 bends = cross(upper, unit(lower)), axis = rotate(b->rotation[j->start], hinge_axis(t, limb, hinge));
-    float share = fminf(fmaxf((length(bends) - STRAIGHT_ARM) / (BENT - STRAIGHT_ARM), 0.0F), 1.0F);
+    float share = fminf(fmaxf((length(bends) - HINGE_FROM) / (HINGE_FULL - HINGE_FROM), 0.0F), 1.0F);
     float angle = angle_of(dot(cross(axis, bends), upper), dot(axis, bends));
     b->rotation[j->start] = turned_by(b->rotation[j->start], scale(upper, share * angle));
     vec3 straight = rotate(b->rotation[j->start], t->rest_offset[j->end]);

@@ -2,19 +2,9 @@
 #include <string.h>
 
 #include "../base/kinematics.h"
+#include "../constants.h"
 #include "model.h"
 #include "network.h"
-
-#define TRACKED_ERROR 0.001F /* m: stands for the expected error of points that are tracked */
-#define TRACKED_UNLIKE 0.01F /* stands for how much predictions of tracked joints differ */
-#define NORMAL_BOUND 1.567F  /* 90 % quantile of the length of normal errors in space, by their mean */
-/* People whose heads are low, or far from upright, are rare in recordings, and predictions err more than the map knows:
- * bounds grow from these shares of the standing height and this cosine on. Chosen on scripted poses and validation. */
-#define LOW_FROM 0.8F
-#define LOW_AT 0.5F
-#define LOW_MORE 0.5F /* by how much bounds are larger for a head as low as LOW_AT */
-#define TILTED_FROM 0.9F
-#define TILTED_MORE 0.8F /* and for a head that lies */
 
 static const signed char WRIST[2] = {LEFT_WRIST, RIGHT_WRIST};
 
@@ -25,10 +15,10 @@ static float rarity(const tracked *t) {
     float low = 0.0F, tilted = 0.0F;
     if (t->has_position[HEAD]) {
         float height = (t->position[HEAD].y - t->floor) / standing_height(t, HEAD);
-        low = within((LOW_FROM - height) / (LOW_FROM - LOW_AT));
+        low = within((BOUND_LOW_FROM - height) / (BOUND_LOW_FROM - BOUND_LOW_AT));
     }
-    if (t->has_rotation[HEAD]) tilted = within((TILTED_FROM - t->rotation[HEAD].y.y) / TILTED_FROM);
-    return 1.0F + LOW_MORE * low + TILTED_MORE * tilted;
+    if (t->has_rotation[HEAD]) tilted = within((BOUND_TILTED_FROM - t->rotation[HEAD].y.y) / BOUND_TILTED_FROM);
+    return 1.0F + BOUND_LOW_MORE * low + BOUND_TILTED_MORE * tilted;
 }
 
 static float larger(float a, float b) { return a > b ? a : b; }

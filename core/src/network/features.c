@@ -1,22 +1,13 @@
 /* Features: tracked points of a body in the frame under the head, scaled to one stature: the network's input. */
 #include "features.h"
 
-#include "tracked.h"
-
 #include <string.h>
 
-#define SHORTEST_LINE 0.1F     /* m: a shorter line from right to left gives no heading */
+#include "../constants.h"
+#include "tracked.h"
+
 #define LEAST_TURN 1e-6F       /* of a head that is upside down, which has no heading of its own */
-#define HEAD_HEIGHT 1.5F       /* m, of the head joint of the reference stature above the soles */
 #define FLATTEST 1e-6F         /* of that: no body is lower */
-#define FINEST 1e-4F           /* m: no point is more accurate */
-#define FASTEST 5.0F           /* m/s at the reference stature */
-#define SWIFTEST 15.0F         /* change of axes per second */
-#define STRONGEST 50.0F        /* m/s² at the reference stature */
-#define REACH 16.0F            /* no feature is larger */
-#define BONE_SCALE 20.0F       /* 1/m: 5 cm are 1 */
-#define ACCELERATION_SCALE 0.1F /* s²/m */
-#define USUAL_RATE 30.0F       /* 1/s */
 
 static const signed char SPINNING_JOINT[SPINNING] = {HEAD, LEFT_WRIST, RIGHT_WRIST};
 static const signed char STRAPPED[STRAPPED_JOINTS] = {PELVIS,        SPINE3,         LEFT_HIP,   RIGHT_HIP,
@@ -59,7 +50,7 @@ float stature(const vec3 rest_offset[BS_POINTS]) {
         if (point < BODY_JOINTS) height[point] = here;
         lowest = here < lowest ? here : lowest;
     }
-    return (height[HEAD] - lowest) / HEAD_HEIGHT + FLATTEST;
+    return (height[HEAD] - lowest) / REFERENCE_HEAD + FLATTEST;
 }
 
 reading read_person(const tracked *seen, const input_memory *last) {
@@ -110,12 +101,12 @@ void write_features(const bs_model *model, const tracked *seen, const reading *r
     for (int k = 0; k < READ_POINTS; k++) {
         const int s = source[k];
         const vec3 displacement = sub(read->place[s], last->place[s]);
-        const vec3 v = limited(scale(to_frame(frame, displacement), smaller * rate), FASTEST);
+        const vec3 v = limited(scale(to_frame(frame, displacement), smaller * rate), FEATURE_FASTEST);
         out = put(out, !read->has_place[s] || last->had_place[s] < 0.5F ? none : mirrored ? reflected(v) : v);
     }
     for (int k = 0; k < READ_POINTS; k++) {
         const int s = source[k], point = s < BODY_POINTS ? BODY_POINT[s] : accurate_knuckle(seen, s - BODY_POINTS);
-        const float accuracy = seen->accuracy[point] > FINEST ? seen->accuracy[point] : FINEST;
+        const float accuracy = seen->accuracy[point] > FEATURE_FINEST ? seen->accuracy[point] : FEATURE_FINEST;
         *out++ = read->has_place[s] ? (logarithm(accuracy) + 6.90775528F) * 0.434294482F : 0.0F; /* log10 of mm */
     }
     for (int joint = 0; joint < BODY_JOINTS; joint++) {
@@ -130,8 +121,8 @@ void write_features(const bs_model *model, const tracked *seen, const reading *r
         const int s = mirrored && k ? SPINNING - k : k, joint = SPINNING_JOINT[s];
         const vec3 dx = sub(seen->rotation[joint].x, last->axis[s][0]);
         const vec3 dy = sub(seen->rotation[joint].y, last->axis[s][1]);
-        const vec3 x = limited(scale(to_frame(frame, dx), rate), SWIFTEST);
-        const vec3 y = limited(scale(to_frame(frame, dy), rate), SWIFTEST);
+        const vec3 x = limited(scale(to_frame(frame, dx), rate), FEATURE_SWIFTEST);
+        const vec3 y = limited(scale(to_frame(frame, dy), rate), FEATURE_SWIFTEST);
         if (!read->has_axes[joint] || last->had_axes[s] < 0.5F) out = put_axes(out, none, none);
         else out = mirrored ? put_axes(out, scale(reflected(x), -1), reflected(y)) : put_axes(out, x, y);
     }
@@ -139,20 +130,20 @@ void write_features(const bs_model *model, const tracked *seen, const reading *r
         const int s = source[k];
         const float *usual = model->usual_bones + (size_t)(3 * s);
         const vec3 bone = sub(scale(seen->rest_offset[BODY_POINT[s]], smaller), vec(usual[0], usual[1], usual[2]));
-        const vec3 v = scale(bone, s ? BONE_SCALE : 0.0F); /* the pelvis hangs on nothing */
+        const vec3 v = scale(bone, s ? FEATURE_BONE_SCALE : 0.0F); /* the pelvis hangs on nothing */
         out = put(out, mirrored ? reflected(v) : v);
     }
-    for (int k = 0; k < BODY_POINTS; k++) *out++ = BONE_SCALE * seen->deviation[BODY_POINT[source[k]]];
+    for (int k = 0; k < BODY_POINTS; k++) *out++ = FEATURE_BONE_SCALE * seen->deviation[BODY_POINT[source[k]]];
     *out++ = USUAL_RATE * read->interval;
     if (model->features >= FEATURES_ACCELERATION) {
         for (int k = 0; k < STRAPPED_JOINTS; k++) {
             const int joint = mirrored ? PARTNER[STRAPPED[k]] : STRAPPED[k];
-            const vec3 felt = limited(scale(to_frame(frame, seen->acceleration[joint]), smaller), STRONGEST);
-            const vec3 v = scale(felt, ACCELERATION_SCALE);
+            const vec3 felt = limited(scale(to_frame(frame, seen->acceleration[joint]), smaller), FEATURE_STRONGEST);
+            const vec3 v = scale(felt, FEATURE_ACCELERATION_SCALE);
             out = put(out, !seen->has_acceleration[joint] ? none : mirrored ? reflected(v) : v);
         }
         for (int k = 0; k < STRAPPED_JOINTS; k++)
             *out++ = seen->has_acceleration[mirrored ? PARTNER[STRAPPED[k]] : STRAPPED[k]] ? 1.0F : 0.0F;
     }
-    for (float *at = first; at < out; at++) *at = clamp(*at, -REACH, REACH);
+    for (float *at = first; at < out; at++) *at = clamp(*at, -FEATURE_REACH, FEATURE_REACH);
 }

@@ -1,15 +1,11 @@
 /* Fingers: one network for both hands, each in its wrist's frame, the right one in a mirror; then what is measured. */
+#include <string.h>
+
+#include "../constants.h"
 #include "features.h"
 #include "layers.h"
 #include "network.h"
 
-#include <string.h>
-
-#define SMALLEST_ERROR 0.001F /* m */
-#define ERROR_BIAS (-4.0F)    /* of the expected error before it is made positive */
-#define FASTEST 5.0F          /* m and m/s: places and velocities of wrists that are larger count as this */
-#define BONE_SCALE 10.0F
-#define USUAL_RATE 30.0F      /* 1/s */
 #define SMALLEST_HAND 1e-3F   /* m, from wrist to middle finger */
 #define LEAST_DOUBT 1e-6F     /* m, of a measured direction */
 #define MIDDLE 3              /* of a hand's points: the first joint of the middle finger */
@@ -52,12 +48,12 @@ static void write_hand(const bs_model *m, const tracked *seen, head_frame frame,
     for (int k = 0; k < HAND_POINTS; k++) {
         const float *usual = m->usual_fingers + (size_t)(3 * k); /* of a left hand */
         const vec3 bone = flipped(scale(seen->rest_offset[point_of(hand, k)], larger), hand);
-        out = put(out, scale(sub(bone, vec(usual[0], usual[1], usual[2])), BONE_SCALE));
+        out = put(out, scale(sub(bone, vec(usual[0], usual[1], usual[2])), HAND_BONE_SCALE));
     }
     const vec3 velocity = scale(sub(now->point[wrist], last->wrist[hand]), last->begun / seen->interval);
     const vec3 place = to_frame(frame, sub(now->point[wrist], now->point[HEAD]));
-    out = put(out, flipped(limited(place, FASTEST), hand));
-    out = put(out, flipped(limited(to_frame(frame, velocity), FASTEST), hand));
+    out = put(out, flipped(limited(place, HAND_FASTEST), hand));
+    out = put(out, flipped(limited(to_frame(frame, velocity), HAND_FASTEST), hand));
     out = put_axes(out, scale(flipped(to_frame(frame, turn.x), hand), x_sign), flipped(to_frame(frame, turn.y), hand));
     *out = USUAL_RATE * last->elapsed;
 }
@@ -100,7 +96,7 @@ static void place_hand(const bs_model *m, const tracked *seen, int hand, const f
     for (int k = 0; k < HAND_POINTS; k++) {
         const int point = point_of(hand, k), parent = PARENT[point];
         out->point[point] = add(out->point[parent], rotate(out->rotation[parent], seen->rest_offset[point]));
-        error[k] = softplus(output[6 * HAND_JOINTS + k] + ERROR_BIAS) + SMALLEST_ERROR;
+        error[k] = softplus(output[6 * HAND_JOINTS + k] + FINGER_ERROR_BIAS) + FINGER_LEAST_ERROR;
     }
 }
 

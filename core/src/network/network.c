@@ -5,12 +5,7 @@
 
 #include "features.h"
 #include "layers.h"
-
-#define LEAST_UNLIKE 0.003F /* two answers differ by no less */
-#define ADVANCE (1.0F / 65.0F) /* s: memories advance no sooner */
-#define SMALLEST_ERROR 0.002F  /* m at the reference stature */
-#define ERROR_BIAS (-3.0F)     /* of the expected error before it is made positive */
-#define HEAD_HEIGHT 1.5F       /* m: where the head of the reference stature is expected */
+#include "../constants.h"
 
 size_t network_memory(const bs_model *model) {
     return sizeof(input_memory) / sizeof(float) +
@@ -80,7 +75,7 @@ static void predict(const bs_model *m, const reading *read, head_frame frame, co
     }
 
     const float *head = turned + 6 * BODY_JOINTS, *image_head = image + 6 * BODY_JOINTS;
-    const vec3 raised = vec(0.5F * (head[0] - image_head[0]), HEAD_HEIGHT + 0.5F * (head[1] + image_head[1]),
+    const vec3 raised = vec(0.5F * (head[0] - image_head[0]), REFERENCE_HEAD + 0.5F * (head[1] + image_head[1]),
                             0.5F * (head[2] + image_head[2]));
     out->head = add(frame.origin, scale(from_frame(frame, raised), read->size));
     for (int k = 0; k < BS_CONTACTS; k++) out->contact[k] = logistic(0.5F * (judged[k] + image_judged[k ^ 1]));
@@ -88,7 +83,7 @@ static void predict(const bs_model *m, const reading *read, head_frame frame, co
         const int joint = BODY_POINT[k] < BODY_JOINTS;
         const int partner = joint ? PARTNER[k] : k == BODY_POINTS - 3 ? k : 2 * BODY_POINTS - 3 - k; /* toes */
         const float raw = 0.5F * (judged[BS_CONTACTS + k] + image_judged[BS_CONTACTS + partner]);
-        out->error[k] = (softplus(raw + ERROR_BIAS) + SMALLEST_ERROR) * read->size;
+        out->error[k] = (softplus(raw + BODY_ERROR_BIAS) + BODY_LEAST_ERROR) * read->size;
     }
 }
 
@@ -135,7 +130,7 @@ static void predict_together(const bs_model *m, int people, const tracked *seen,
                 b.judged + 2 * p * grouped(JUDGED), &out[p]);
         own->cosine = frame[p].cosine, own->sine = frame[p].sine;
         own->elapsed = b.read[p].interval;
-        own->advances = own->begun < 0.5F || own->elapsed >= ADVANCE ? 1.0F : 0.0F;
+        own->advances = own->begun < 0.5F || own->elapsed >= MEMORY_INTERVAL ? 1.0F : 0.0F;
         if (own->advances < 0.5F) continue;
         remember(&seen[p], &b.read[p], own);
         for (int layer = 0; layer < m->layers; layer++) {

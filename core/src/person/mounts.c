@@ -8,16 +8,7 @@
 
 #include "../base/maths.h"
 #include "../base/quaternion.h"
-
-#define LEAST_UNSURE 0.001 /* m, of a bone */
-#define EVERY 0.1          /* s between two looks */
-#define HALF_LIFE 2.0      /* s in which half of a correction comes into use */
-#define NOISE 0.01         /* m, standard deviation of a distance: joints are no ball joints, straps give */
-#define SHORT_NOISE 0.1    /* m, of a leg that is shorter than it may be: it may be bent */
-#define BENT 0.01          /* m; a straight leg may seem shorter by this and by the uncertainty of its length */
-#define FARTHEST 4.0       /* standard deviations from what is expected: farther is an error of tracking */
-#define MOST 0.05          /* m, along each axis: a correction beyond is an error, too */
-#define SLIP 1e-4          /* m/√s by which straps slip */
+#include "../constants.h"
 
 enum bone { THIGH, SHIN, FOREARM };
 
@@ -64,7 +55,7 @@ void mounts_start(const bs_person *person, mounts *own) {
     memset(own, 0, sizeof *own);
     for (int b = 0; b < LIMB_BONES; ++b) {
         const double *offset = person->rest_offset[BONE_END[b]];
-        double unsure = fmax(person->deviation[BONE_END[b]], LEAST_UNSURE);
+        double unsure = fmax(person->deviation[BONE_END[b]], MOUNT_BONE_LEAST);
         own->mean[3 * REFINED_JOINTS + b] = sqrt(offset[0] * offset[0] + offset[1] * offset[1] + offset[2] * offset[2]);
         own->covariance[3 * REFINED_JOINTS + b][3 * REFINED_JOINTS + b] = unsure * unsure;
     }
@@ -125,7 +116,7 @@ static void take_in(const struct distance *one, const bs_person *person, const t
         in_axes(&seen->rotation[ends[e]], direction, &slope[3 * w]);
         for (int c = 0; c < 3 && e == 0; ++c) slope[3 * w + c] = -slope[3 * w + c];
     }
-    double excess = far, noise = NOISE;
+    double excess = far, noise = MOUNT_NOISE;
     for (int b = one->first; b <= one->last; ++b) {
         slope[3 * REFINED_JOINTS + b] = -1.0;
         excess -= own->mean[3 * REFINED_JOINTS + b];
@@ -137,13 +128,13 @@ static void take_in(const struct distance *one, const bs_person *person, const t
     for (int i = 0; i < BELIEFS; ++i) expected += slope[i] * spread[i];
     expected = fmax(expected, 0.0);
     if (one->at_most && excess < 0) {
-        if (-excess > BENT + 2 * sqrt(expected)) return;
-        noise = SHORT_NOISE;
+        if (-excess > MOUNT_BENT + 2 * sqrt(expected)) return;
+        noise = MOUNT_SHORT_NOISE;
     }
     double variance = expected + noise * noise;
-    if (!(fabs(excess) <= FARTHEST * sqrt(variance))) return;
+    if (!(fabs(excess) <= MOUNT_FARTHEST * sqrt(variance))) return;
     for (int i = 0; i < 3 * REFINED_JOINTS; ++i)
-        if (!(fabs(own->mean[i] - spread[i] * (excess / variance)) <= MOST)) return;
+        if (!(fabs(own->mean[i] - spread[i] * (excess / variance)) <= MOUNT_MOST)) return;
     for (int i = 0; i < BELIEFS; ++i) {
         own->mean[i] -= spread[i] * (excess / variance);
         for (int j = 0; j < BELIEFS; ++j) own->covariance[i][j] -= spread[i] * spread[j] / variance;
@@ -153,9 +144,9 @@ static void take_in(const struct distance *one, const bs_person *person, const t
 void mounts_step(const bs_person *person, double interval, mounts *own, tracked *seen) {
     if (!any_positional(person)) return;
     own->due += interval;
-    if (own->due >= EVERY) {
+    if (own->due >= MOUNT_INTERVAL) {
         for (int i = 0; i < BELIEFS; ++i)
-            if (own->covariance[i][i] > 0) own->covariance[i][i] += SLIP * SLIP * own->due;
+            if (own->covariance[i][i] > 0) own->covariance[i][i] += MOUNT_SLIP * MOUNT_SLIP * own->due;
         for (size_t d = 0; d < sizeof DISTANCE / sizeof *DISTANCE; ++d) {
             const struct distance *one = &DISTANCE[d];
             if (!is_positional(&person->mount[one->start]) && !is_positional(&person->mount[one->end])) continue;
@@ -166,7 +157,7 @@ void mounts_step(const bs_person *person, double interval, mounts *own, tracked 
         }
         own->due = 0.0;
     }
-    double share = 1.0 - exponential_double(-LN_2 * interval / HALF_LIFE);
+    double share = 1.0 - exponential_double(-LN_2 * interval / MOUNT_HALF_LIFE);
     for (int w = 0; w < REFINED_JOINTS; ++w) {
         double *correction = own->correction[w];
         for (int c = 0; c < 3; ++c) correction[c] += share * (own->mean[3 * w + c] - correction[c]);

@@ -3,78 +3,54 @@
 #include <string.h>
 
 #include "../base/maths.h"
+#include "../constants.h"
 #include "shape.h"
 
-#define BIN 0.005      /* m */
-#define LOOK 0.1       /* s between two looks at lengths */
-#define FIT_EVERY 0.5  /* s between two fits */
-#define QUICK 0.4      /* s in which half of what the body in use lacks is made up */
-#define VAGUE 0.06     /* m: points that err more together measure nothing */
 #define FLOOR (-1)     /* in place of a length's end: its height over the floor */
-#define SHORTEST 1.0   /* m, of a person */
-#define TALLEST 2.3
 #define HEAD_OVER_FLOOR (EVIDENCE - 1)
 
-#define STOOP 0.02             /* m by which people stand lower than at rest */
-#define BOB 0.06               /* m, of a walker's head, from top to bottom */
-#define LONG_ENOUGH 1.0        /* s that a head must have been so high */
-#define MEAN_STATURE 1.695     /* m, of adults */
-#define STATURE_DEVIATION 0.09 /* m */
-#define STANDING_NOISE 0.03    /* m, standard deviation of a standing head's height */
-#define SEATED_HEAD 1.19       /* m, head's joint of a seated adult, whose seat is the higher the taller they are */
-#define SEATED_SLOPE 0.7       /* m of that a metre of stature */
-#define SEATED_NOISE 0.035     /* m, standard deviation: seats differ */
-#define LOW_HEAD 1.15          /* m: a lower head may be that of anybody who kneels or crouches */
-#define LOW_LIKELIHOOD 0.75    /* logarithm, on the scale of log_normal */
-#define HIGH_HEAD 1.95         /* m: a higher head is on stairs, or over a floor of another height */
-
-#define LAG 1.0                /* s by which the place where a head has been follows it */
-#define WALKS 0.6              /* m between the two of a walker; who leans out of a chair stays nearer */
-#define RUNS 4.0               /* m: farther is an error of tracking */
-#define ROLLS 0.5              /* s of walking that make a seat e times less likely */
-#define MISTAKEN 0.1           /* m by which a guess from a seat was too tall for a body that then walks */
-#define TIPTOE 0.08            /* m by which a head may be higher than at rest: shoes, tiptoe */
-#define CONTRADICTED 2.0       /* s after which a known height that is too low counts no more */
-
-#define UNKNOWN_LEG 0.06       /* m: deviations of a leg's bones together are more if nothing is known */
-#define SHRINK_TIME 3.0        /* s after which a body does not shrink any more */
-#define SHRINKING (-1.0)       /* in place of the stature that a body may not fall far below: it may */
-#define MOST_SHRINKING 0.015   /* m */
-#define MOVES 0.2              /* m/s, of the head */
-#define STILL_GROWTH 0.02      /* m/s, of the stature of a still wearer */
-#define MOVING_GROWTH 0.1      /* m/s, of others, and toward a height that is known */
-#define SOLE 0.05      /* m: a skeleton's lowest points are above the sole */
+#define SHRINKING (-1) /* in place of the stature that a body may not fall far below: it may */
 
 /* A length that depends on proportions: the quantile that is used, and its difference from the rest pose. */
 static const struct evidence {
     signed char start, end;
     float quantile, deviation, slack; /* m */
 } LENGTH[EVIDENCE] = {
-    {LEFT_SHOULDER, LEFT_ELBOW, 0.5F, 0.006F, 0}, {RIGHT_SHOULDER, RIGHT_ELBOW, 0.5F, 0.006F, 0},
-    {LEFT_ELBOW, LEFT_WRIST, 0.5F, 0.006F, 0}, {RIGHT_ELBOW, RIGHT_WRIST, 0.5F, 0.006F, 0},
-    {LEFT_HIP, LEFT_KNEE, 0.5F, 0.006F, 0}, {RIGHT_HIP, RIGHT_KNEE, 0.5F, 0.006F, 0},
-    {LEFT_KNEE, LEFT_ANKLE, 0.5F, 0.006F, 0}, {RIGHT_KNEE, RIGHT_ANKLE, 0.5F, 0.006F, 0},
-    {LEFT_ANKLE, LEFT_FOOT, 0.5F, 0.006F, 0}, {RIGHT_ANKLE, RIGHT_FOOT, 0.5F, 0.006F, 0},
-    {LEFT_WRIST, LEFT_MIDDLE1, 0.5F, 0.004F, 0}, {RIGHT_WRIST, RIGHT_MIDDLE1, 0.5F, 0.004F, 0},
-    {LEFT_HIP, LEFT_ANKLE, 0.95F, 0.02F, 0.01F}, {RIGHT_HIP, RIGHT_ANKLE, 0.95F, 0.02F, 0.01F},
-    {LEFT_SHOULDER, LEFT_WRIST, 0.98F, 0.03F, 0.02F}, {RIGHT_SHOULDER, RIGHT_WRIST, 0.98F, 0.03F, 0.02F},
-    {LEFT_SHOULDER, RIGHT_SHOULDER, 0.5F, 0.01F, 0}, {LEFT_HIP, RIGHT_HIP, 0.5F, 0.006F, 0},
-    {PELVIS, HEAD, 0.95F, 0.02F, 0.01F}, {HEAD, FLOOR, 0.95F, 0.03F, 0.01F},
+    {LEFT_SHOULDER, LEFT_ELBOW, LENGTH_SURE, NOISE_BONE, 0},
+    {RIGHT_SHOULDER, RIGHT_ELBOW, LENGTH_SURE, NOISE_BONE, 0},
+    {LEFT_ELBOW, LEFT_WRIST, LENGTH_SURE, NOISE_BONE, 0},
+    {RIGHT_ELBOW, RIGHT_WRIST, LENGTH_SURE, NOISE_BONE, 0},
+    {LEFT_HIP, LEFT_KNEE, LENGTH_SURE, NOISE_BONE, 0},
+    {RIGHT_HIP, RIGHT_KNEE, LENGTH_SURE, NOISE_BONE, 0},
+    {LEFT_KNEE, LEFT_ANKLE, LENGTH_SURE, NOISE_BONE, 0},
+    {RIGHT_KNEE, RIGHT_ANKLE, LENGTH_SURE, NOISE_BONE, 0},
+    {LEFT_ANKLE, LEFT_FOOT, LENGTH_SURE, NOISE_BONE, 0},
+    {RIGHT_ANKLE, RIGHT_FOOT, LENGTH_SURE, NOISE_BONE, 0},
+    {LEFT_WRIST, LEFT_MIDDLE1, LENGTH_SURE, NOISE_HAND, 0},
+    {RIGHT_WRIST, RIGHT_MIDDLE1, LENGTH_SURE, NOISE_HAND, 0},
+    {LEFT_HIP, LEFT_ANKLE, LENGTH_LEG, NOISE_LEG, SLACK_LEG},
+    {RIGHT_HIP, RIGHT_ANKLE, LENGTH_LEG, NOISE_LEG, SLACK_LEG},
+    {LEFT_SHOULDER, LEFT_WRIST, LENGTH_ARM, NOISE_ARM, SLACK_ARM},
+    {RIGHT_SHOULDER, RIGHT_WRIST, LENGTH_ARM, NOISE_ARM, SLACK_ARM},
+    {LEFT_SHOULDER, RIGHT_SHOULDER, LENGTH_SURE, NOISE_SHOULDERS, 0},
+    {LEFT_HIP, RIGHT_HIP, LENGTH_SURE, NOISE_BONE, 0},
+    {PELVIS, HEAD, LENGTH_LEG, NOISE_LEG, SLACK_LEG},
+    {HEAD, FLOOR, LENGTH_LEG, NOISE_ARM, SLACK_LEG},
 };
 
 bs_result check_person(const bs_person *person) {
     double low = INFINITY, high = -INFINITY, height[BS_POINTS];
     for (int p = 0; p < BS_POINTS; ++p) {
         for (int c = 0; c < 3; ++c)
-            if (!(fabs(person->rest_offset[p][c]) < TALLEST)) return BS_PERSON_IMPOSSIBLE;
+            if (!(fabs(person->rest_offset[p][c]) < PERSON_TALLEST)) return BS_PERSON_IMPOSSIBLE;
         if (!(person->deviation[p] >= 0 && isfinite(person->deviation[p]))) return BS_PERSON_IMPOSSIBLE;
         height[p] = p == PELVIS ? 0.0 : height[PARENT[p]] + person->rest_offset[p][1];
         low = fmin(low, height[p]);
         high = fmax(high, height[p]);
     }
-    if (!(high - low >= SHORTEST - SOLE && high - low <= TALLEST)) return BS_PERSON_IMPOSSIBLE;
+    if (!(high - low >= PERSON_SHORTEST - SKELETON_SOLE && high - low <= PERSON_TALLEST)) return BS_PERSON_IMPOSSIBLE;
     if (!isnan(person->height)) {
-        if (!(person->height >= SHORTEST && person->height <= TALLEST)) return BS_PERSON_IMPOSSIBLE;
+        if (!(person->height >= PERSON_SHORTEST && person->height <= PERSON_TALLEST)) return BS_PERSON_IMPOSSIBLE;
         if (!(person->height_deviation > 0 && isfinite(person->height_deviation))) return BS_PERSON_IMPOSSIBLE;
     }
     if (person->lengths < 0 || person->lengths > BS_LENGTHS) return BS_PERSON_IMPOSSIBLE;
@@ -91,7 +67,7 @@ bs_result check_person(const bs_person *person) {
         double square = 0.0;
         if (!mount->worn) continue;
         for (int c = 0; c < 3; ++c)
-            if (!(fabs(mount->translation[c]) < TALLEST)) return BS_PERSON_IMPOSSIBLE;
+            if (!(fabs(mount->translation[c]) < PERSON_TALLEST)) return BS_PERSON_IMPOSSIBLE;
         for (int c = 0; c < 4; ++c) square += mount->rotation[c] * mount->rotation[c];
         if (!(fabs(square - 1.0) < 0.02)) return BS_PERSON_IMPOSSIBLE;
     }
@@ -126,11 +102,11 @@ static bool count(const tracked *seen, double passed, proportions *own) {
     for (int k = 0; k < EVIDENCE; ++k) {
         int start = LENGTH[k].start, end = LENGTH[k].end == FLOOR ? start : LENGTH[k].end;
         if (!seen->has_position[start] || !seen->has_position[end]) continue;
-        if (!(seen->accuracy[start] + seen->accuracy[end] < VAGUE)) continue;
+        if (!(seen->accuracy[start] + seen->accuracy[end] < LENGTH_VAGUE)) continue;
         double value = LENGTH[k].end == FLOOR ? seen->position[start].y - seen->floor
                                               : distance(seen->position[start], seen->position[end]);
-        if (!(value > 0 && value < BIN * BINS)) continue;
-        own->seconds[k][(int)(value / BIN)] += (float)fmin(passed, 2 * LOOK);
+        if (!(value > 0 && value < LENGTH_BIN * BINS)) continue;
+        own->seconds[k][(int)(value / LENGTH_BIN)] += (float)fmin(passed, 2 * LENGTH_INTERVAL);
         any = true;
     }
     return any;
@@ -146,7 +122,7 @@ static double quantile(const float seconds[BINS], float share, double *total) {
         sum += seconds[bin];
         if (sum >= share * *total) break;
     }
-    return (bin + 0.5) * BIN;
+    return (bin + 0.5) * LENGTH_BIN;
 }
 
 /* How high the head's joint is when the body is as upright as it has been: the middle of what is within a walker's bob
@@ -156,15 +132,15 @@ static double upright_head(const float seconds[BINS], double *total) {
     int top = BINS - 1;
     *total = 0.0;
     for (int b = 0; b < BINS; ++b) *total += seconds[b];
-    double enough = fmin(LONG_ENOUGH, *total / 2);
+    double enough = fmin(UPRIGHT_SECONDS, *total / 2);
     for (; top > 0; --top)
         if ((above += seconds[top]) >= enough && above > 0) break;
-    int low = top - (int)(BOB / BIN) < 0 ? 0 : top - (int)(BOB / BIN);
+    int low = top - (int)(WALKING_BOB / LENGTH_BIN) < 0 ? 0 : top - (int)(WALKING_BOB / LENGTH_BIN);
     for (int b = low; b < top; ++b) above += seconds[b];
     int bin = low;
     for (; bin < BINS - 1; ++bin)
         if ((sum += seconds[bin]) >= above / 2) break;
-    return (bin + 0.5) * BIN;
+    return (bin + 0.5) * LENGTH_BIN;
 }
 
 enum stance { STANDS, SITS, LOW, HIGH };
@@ -177,9 +153,10 @@ static double log_normal(double value, double variance) { return -0.5 * (value *
  * be lower (kneeling, crouching) or higher (on stairs) than either; the likeliest of these is taken. */
 static enum stance infer_height(proportions *own, double head, double total, double *height, double *deviation) {
     double stature = rest_height(own->believed, HEAD_TOP), ratio = stature / rest_height(own->believed, HEAD);
-    double unsure = STATURE_DEVIATION * STATURE_DEVIATION, walks = own->walked / ROLLS, standing = head + STOOP;
+    double unsure = STATURE_DEVIATION * STATURE_DEVIATION, walks = own->walked / WALK_SECONDS,
+           standing = head + STANDING_STOOP;
     double best = log_normal(standing - stature / ratio, STANDING_NOISE * STANDING_NOISE + unsure / (ratio * ratio));
-    double sits = log_normal(head - SEATED_HEAD - SEATED_SLOPE * (stature - MEAN_STATURE),
+    double sits = log_normal(head - SEATED_HEAD - SEATED_SLOPE * (stature - STATURE_MEAN),
                              SEATED_NOISE * SEATED_NOISE + SEATED_SLOPE * SEATED_SLOPE * unsure) - walks;
     enum stance found = STANDS;
     *height = standing * ratio;
@@ -187,7 +164,7 @@ static enum stance infer_height(proportions *own, double head, double total, dou
     if (sits > best) {
         found = SITS;
         best = sits;
-        *height = MEAN_STATURE + (head - SEATED_HEAD) / SEATED_SLOPE;
+        *height = STATURE_MEAN + (head - SEATED_HEAD) / SEATED_SLOPE;
         *deviation = SEATED_NOISE / SEATED_SLOPE;
     }
     if ((head < LOW_HEAD && LOW_LIKELIHOOD - walks > best) || head > HIGH_HEAD) {
@@ -250,14 +227,15 @@ static void fit_body(const bs_model *model, const bs_person *person, proportions
         enum stance found = infer_height(own, head, total, &height, &deviation);
         if (isfinite(height)) fit_lengths(model, person, height, deviation, false, own);
         /* A body that was guessed from a seat gives way to one that walks, if they differ by much. */
-        bool mistaken = found == STANDS && own->seated && rest_height(own->believed, HEAD_TOP) < own->tallest - MISTAKEN;
+        bool mistaken = found == STANDS && own->seated &&
+                        rest_height(own->believed, HEAD_TOP) < own->tallest - SEAT_MISTAKEN;
         if (mistaken && own->walked > 0) {
             own->tallest = SHRINKING;
             own->seated = 0;
         }
         if (found != STANDS) own->seated = 1;
     }
-    double stature = rest_height(own->believed, HEAD_TOP), least = own->tallest - MOST_SHRINKING;
+    double stature = rest_height(own->believed, HEAD_TOP), least = own->tallest - SHRINK_MOST;
     if (stature < least)
         for (int p = 0; p < BS_POINTS; ++p)
             for (int c = 0; c < 3; ++c) own->believed[p][c] *= least / stature;
@@ -266,7 +244,7 @@ static void fit_body(const bs_model *model, const bs_person *person, proportions
 /* Look at how the head moves: whether it walks, and whether it is too high for the height that is known. */
 static void look_at_head(const bs_person *person, const tracked *seen, proportions *own) {
     vec3 at = seen->position[HEAD];
-    double share = fmin(own->since / LAG, 1.0);
+    double share = fmin(own->since / WALK_LAG, 1.0);
     double world[3] = {seen->base[0] + (double)at.x, seen->base[1] + (double)at.y, seen->base[2] + (double)at.z};
     double velocity[3], total, height = (double)(at.y - seen->floor);
     if (!seen->has_position[HEAD]) return;
@@ -280,19 +258,20 @@ static void look_at_head(const bs_person *person, const tracked *seen, proportio
     if (first) own->speed = 0.0;
     double aside = own->head[0] - own->been[0], forward = own->head[2] - own->been[2];
     double ahead = sqrt(aside * aside + forward * forward);
-    if (ahead > WALKS && ahead < RUNS && height > upright_head(own->seconds[HEAD_OVER_FLOOR], &total) - BOB)
+    if (ahead > WALK_AHEAD && ahead < WALK_FARTHEST &&
+        height > upright_head(own->seconds[HEAD_OVER_FLOOR], &total) - WALKING_BOB)
         own->walked += own->since;
-    bool above = !isnan(person->height) && height > rest_height(own->believed, HEAD) + TIPTOE;
+    bool above = !isnan(person->height) && height > rest_height(own->believed, HEAD) + HEIGHT_TIPTOE;
     own->contradicting = above ? own->contradicting + own->since : 0.0;
-    if (own->contradicting > CONTRADICTED) own->released = 1;
+    if (own->contradicting > HEIGHT_CONTRADICTED) own->released = 1;
 }
 
 /* Move the body in use toward the believed one: slowly, so that a still wearer does not visibly grow, or quickly to a
  * known height. */
 static void approach(const bs_person *person, double interval, proportions *own) {
     double now = rest_height(own->current, HEAD_TOP), goal = rest_height(own->believed, HEAD_TOP);
-    double most = interval * (own->speed > MOVES || knows_height(person, own) ? MOVING_GROWTH : STILL_GROWTH);
-    double share = 1.0 - exponential_double(-LN_2 * interval / QUICK);
+    double most = interval * (own->speed > GROWTH_MOVES || knows_height(person, own) ? GROWTH_MOVING : GROWTH_STILL);
+    double share = 1.0 - exponential_double(-LN_2 * interval / BODY_HALF_LIFE);
     if (share * fabs(goal - now) > most) share = most / fabs(goal - now);
     for (int p = 0; p < BS_POINTS; ++p)
         for (int c = 0; c < 3; ++c) own->current[p][c] += share * (own->believed[p][c] - own->current[p][c]);
@@ -303,12 +282,12 @@ void proportions_step(const bs_model *model, const bs_person *person, const trac
     if (is_known(person)) return;
     own->since += interval;
     own->due += interval;
-    if (own->since >= LOOK || own->elapsed <= 0) {
+    if (own->since >= LENGTH_INTERVAL || own->elapsed <= 0) {
         bool first = count(seen, own->since, own) && own->elapsed <= 0;
         look_at_head(person, seen, own);
         if (first || own->elapsed > 0) own->elapsed += own->since;
         own->since = 0.0;
-        if (first || own->due >= FIT_EVERY) {
+        if (first || own->due >= BODY_INTERVAL) {
             fit_body(model, person, own);
             own->due = 0.0;
         }
@@ -317,8 +296,8 @@ void proportions_step(const bs_model *model, const bs_person *person, const trac
     }
     approach(person, interval, own);
     double stature = rest_height(own->current, HEAD_TOP);
-    bool arrived = stature < rest_height(own->believed, HEAD_TOP) + MOST_SHRINKING;
-    if (own->elapsed >= SHRINK_TIME && (own->tallest >= 0 || arrived)) own->tallest = fmax(own->tallest, stature);
+    bool arrived = stature < rest_height(own->believed, HEAD_TOP) + SHRINK_MOST;
+    if (own->elapsed >= SHRINK_SECONDS && (own->tallest >= 0 || arrived)) own->tallest = fmax(own->tallest, stature);
 }
 
 void proportions_update(const bs_model *model, const bs_person *before, const bs_person *person, proportions *own) {

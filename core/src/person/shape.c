@@ -1,10 +1,7 @@
 #include "shape.h"
 
 #include "../network/model.h"
-
-#define SHORTEST_ADULT 1.45 /* m, statures of the shape space */
-#define TALLEST_ADULT 2.05
-#define MOST_STEPS 20 /* of Gauss-Newton; about five are needed */
+#include "../constants.h"
 
 /* A lower triangle. */
 typedef struct triangle {
@@ -70,7 +67,7 @@ static void fit(const bs_model *model, const measurements *known, double coeffic
         height += (height - start[known->lengths][1]) * known->height_deviation * known->height_deviation / variance;
     }
     for (int k = 0; k < SHAPE_SIZE; ++k) coefficient[k] = 0.0;
-    for (int step = 0; step < MOST_STEPS; ++step) {
+    for (int step = 0; step < SHAPE_STEPS; ++step) {
         double gradient[SHAPE_SIZE], largest = 0.0;
         for (int i = 0; i < SHAPE_SIZE; ++i) {
             gradient[i] = coefficient[i];
@@ -115,7 +112,7 @@ void likeliest_body(const bs_model *model, const measurements *known, double res
     double scale = 1.0, coefficient[SHAPE_SIZE];
     triangle factor;
     if (isfinite(known->height)) {
-        scale = known->height / fmin(fmax(known->height, SHORTEST_ADULT), TALLEST_ADULT);
+        scale = known->height / fmin(fmax(known->height, ADULT_SHORTEST), ADULT_TALLEST);
         smaller.height /= scale;
         smaller.height_deviation /= scale;
         for (int m = 0; m < known->lengths; ++m) {

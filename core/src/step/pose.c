@@ -15,12 +15,9 @@
 #include "../limbs/arms.h"
 #include "../limbs/legs.h"
 #include "../network/tracked.h"
+#include "../constants.h"
 
 static const float LEAST_DOUBT = 1e-6F; /* m */
-
-/* m/s: a head that moves so fast contradicts that arms stay raised. A still one contradicts it by CALM of that. Chosen on
- * validation people. */
-static const float STIRRED = 0.1F, CALM = 0.1F;
 
 /* Joints that are turned by a measured point further on, with that point. Limbs are bent instead. */
 static const signed char DIRECTED[][2] = {
@@ -69,7 +66,7 @@ void pose_start(pose_state *s) {
 }
 
 void pose_read(const bs_settings *settings, pose_state *s, tracked *t) {
-    t->waning = t->interval * fminf(fmaxf(length(s->head_speed) / STIRRED, CALM), 1.0F);
+    t->waning = t->interval * fminf(fmaxf(length(s->head_speed) / HEAD_STIRRED, HEAD_CALM), 1.0F);
     find_stand_ins(settings, s, t);
     find_knuckles(t);
     imply_rotations(t);

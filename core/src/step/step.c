@@ -3,20 +3,12 @@
 
 #include "../base/quaternion.h"
 #include "../body/head.h"
+#include "../constants.h"
 #include "../network/model.h"
 #include "../network/network.h"
 #include "clock.h"
 #include "pose.h"
 #include "state.h"
-
-#define FARTHEST 1000.0     /* m: beyond it single precision is too coarse for a body */
-#define UNIT_TOLERANCE 0.01 /* by which the length of a quaternion may differ from 1 */
-#define FINEST 1e-4         /* m: no point counts as more accurate */
-#define COARSEST 1000.0     /* m: or as less */
-/* Limits of settings, s: beyond them single precision overflows. */
-#define LONGEST_EASE 10.0
-#define SHORTEST_INTERVAL 1e-4
-#define LONGEST_INTERVAL 10.0
 
 /* Arrays of one frame of some people, in scratch. */
 typedef struct frames {
@@ -38,9 +30,9 @@ bs_settings bs_default_settings(void) {
 }
 
 static bool possible(const bs_settings *own) {
-    return fabs(own->floor) < FARTHEST && own->ease >= 0 && own->ease <= LONGEST_EASE && own->longest_gap > 0 &&
-           own->first >= SHORTEST_INTERVAL && own->first <= LONGEST_INTERVAL && own->longest >= SHORTEST_INTERVAL &&
-           own->longest <= LONGEST_INTERVAL;
+    return fabs(own->floor) < INPUT_FARTHEST && own->ease >= 0 && own->ease <= SETTING_LONGEST_EASE &&
+           own->longest_gap > 0 && own->first >= SETTING_SHORTEST_INTERVAL && own->first <= SETTING_LONGEST_INTERVAL &&
+           own->longest >= SETTING_SHORTEST_INTERVAL && own->longest <= SETTING_LONGEST_INTERVAL;
 }
 
 /* Lay the arrays of a frame out in scratch, if there is any. Returns the bytes that they need. */
@@ -84,10 +76,10 @@ static bs_result check_frame(const bs_observation *observation, int t) {
         if (observation->point[p] < 0 || observation->point[p] >= BS_POINTS) return BS_POINT_UNKNOWN;
         if (observation->has_position[i]) {
             double accuracy = observation->accuracy[i];
-            if (!within(position, 3, FARTHEST) || !(accuracy > 0 && isfinite(accuracy))) return BS_VALUE_NOT_FINITE;
+            if (!within(position, 3, INPUT_FARTHEST) || !(accuracy > 0 && isfinite(accuracy))) return BS_VALUE_NOT_FINITE;
         }
         if (observation->has_rotation[i] &&
-            !(fabs(sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) - 1.0) < UNIT_TOLERANCE))
+            !(fabs(sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]) - 1.0) < INPUT_UNIT))
             return BS_VALUE_NOT_FINITE;
     }
     return BS_OK;
@@ -121,7 +113,7 @@ static void gather(const bs_observation *observation, int t, const bs_state *sta
             seen->has_position[point] = true;
             seen->position[point] = vec((float)(position[0] - seen->base[0]), (float)(position[1] - seen->base[1]),
                                         (float)(position[2] - seen->base[2]));
-            seen->accuracy[point] = (float)fmin(fmax(observation->accuracy[i], FINEST), COARSEST);
+            seen->accuracy[point] = (float)fmin(fmax(observation->accuracy[i], INPUT_FINEST), INPUT_COARSEST);
         }
         if (observation->has_rotation[i] && point < BS_JOINTS) {
             seen->has_rotation[point] = true;
@@ -129,7 +121,7 @@ static void gather(const bs_observation *observation, int t, const bs_state *sta
         }
         if (observation->acceleration && point < BODY_JOINTS) {
             const double *a = observation->acceleration + 3 * i;
-            seen->has_acceleration[point] = within(a, 3, FARTHEST);
+            seen->has_acceleration[point] = within(a, 3, INPUT_FARTHEST);
             if (seen->has_acceleration[point])
                 seen->acceleration[point] = vec((float)a[0], (float)a[1], (float)a[2]);
         }

@@ -1,7 +1,11 @@
-"""Soak test: many wearers for a long time over a bad network, against a server in its own process."""
+"""Soak test: many wearers for a long time over a bad network, against a server in its own process.
+
+`PYTHONPATH=tests python -m tests.live.stress.soak --seconds 600` prints the counts and what failed.
+"""
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import contextlib
 import json
@@ -9,7 +13,7 @@ import os
 import signal
 import subprocess
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import psutil
@@ -24,7 +28,9 @@ _POINTS = ("head", "left_wrist", "right_wrist")
 _MAX_SILENCE = 5.0  # s without an answer while frames are sent
 _MAX_SILENCE_KILLS = 1.5  # s, if processes are killed
 _RECONNECT_DELAY = 0.02  # s until a wearer reconnects after the server closed the connection
-_WARM = 0.25  # share of the time after which memory is measured first
+_WARM = 0.25  # share of the time after which memory and descriptors are measured first
+_CLOSING = 1.0  # s in which the server closes the connections of wearers who left
+_MORE_DESCRIPTORS = 3  # of a server that keeps none: connections that are being opened or closed
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,8 @@ class SoakCounts:
     longest_silence_s: float = 0.0  # of a wearer with a working network
     rss_mb_warm: float = 0.0
     rss_mb_last: float = 0.0
+    descriptors_warm: int = 0  # open files and sockets of the server, without established connections
+    descriptors_last: int = 0
 
 
 def soak(plan: SoakPlan, rng: np.random.Generator) -> SoakCounts:
@@ -80,11 +88,12 @@ async def _all_wearers(
     ]
     killer = asyncio.create_task(_kill(server.pid, plan, rng, counts)) if plan.seconds_between_kills else None
     await asyncio.sleep(_WARM * plan.seconds)
-    counts.rss_mb_warm = rss_mb(server.pid)
+    counts.rss_mb_warm, counts.descriptors_warm = rss_mb(server.pid), descriptors(server.pid)
     await asyncio.gather(*wearers)
+    await asyncio.sleep(_CLOSING)
     if server.poll() is not None:
         raise BodysenseError("the server ended during the soak")
-    counts.rss_mb_last = rss_mb(server.pid)
+    counts.rss_mb_last, counts.descriptors_last = rss_mb(server.pid), descriptors(server.pid)
     if killer is not None:
         killer.cancel()
 
@@ -219,15 +228,43 @@ def rss_mb(process: int) -> float:
     return psutil.Process(process).memory_info().rss / 2**20
 
 
+def descriptors(process: int) -> int:
+    """Return the number of a process's open files and sockets, without established connections."""
+    server = psutil.Process(process)
+    established = [one for one in server.net_connections("tcp") if one.status == psutil.CONN_ESTABLISHED]
+    return server.num_fds() - len(established)
+
+
 def faults(counts: SoakCounts, plan: SoakPlan) -> list[str]:
-    """Return what failed: a session hung, memory grew, poses were not finite, or nothing was answered."""
+    """Return what failed: a session hung, memory or descriptors grew, poses were not finite, nothing was answered."""
     longest = _MAX_SILENCE_KILLS if plan.seconds_between_kills else _MAX_SILENCE
     growth = counts.rss_mb_last - counts.rss_mb_warm
+    kept = counts.descriptors_last - counts.descriptors_warm
     checks = {
         f"{counts.not_finite} poses are not finite": counts.not_finite > 0,
         f"a session was not answered for {counts.longest_silence_s:.1f} s": counts.longest_silence_s > longest,
         f"memory grew by {growth:.0f} MB": growth > max(10.0, 0.05 * counts.rss_mb_warm),
+        f"{kept} more descriptors are open": kept > _MORE_DESCRIPTORS,
         "no process was killed": plan.seconds_between_kills > 0 and not counts.killed,
         "nothing was answered": counts.answered == 0,
     }
     return [text for text, failed in checks.items() if failed]
+
+
+def main() -> int:
+    """Run the soak test of the command line; return 1 if anything failed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=SoakPlan.seconds)
+    parser.add_argument("--sessions", type=int, default=SoakPlan.sessions)
+    parser.add_argument("--workers", type=int, default=SoakPlan.workers)
+    parser.add_argument("--seed", type=int, default=1)
+    given = parser.parse_args()
+    plan = SoakPlan(sessions=given.sessions, seconds=given.seconds, workers=given.workers)
+    counts = soak(plan, np.random.default_rng(given.seed))
+    failed = faults(counts, plan)
+    print(json.dumps({**asdict(counts), "failed": failed}, indent=1))
+    return bool(failed)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
