@@ -9,7 +9,7 @@ import pinocchio
 import pytest
 import torch
 
-from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose
+from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose, world_rotation
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.geometry.rotation import (
     geodesic_angle,
@@ -53,6 +53,17 @@ def test_forward_kinematics_equals_the_plain_loop(shape: tuple[int, ...]) -> Non
         expected, matrix = loop(pose[index], BODY.rest_offset)
         np.testing.assert_allclose(position[index], expected, atol=1e-12)
         np.testing.assert_allclose(quaternion_to_matrix(rotation[index]), matrix, atol=1e-12)
+
+
+def test_frames_do_not_depend_on_others_and_products_are_those_of_quaternions() -> None:
+    pose = random_pose((300,), seed=2)
+    position, rotation = forward_kinematics(pose)
+    for frames in (slice(0, 1), slice(120, 140), slice(299, 300)):
+        alone = forward_kinematics(pose[frames])
+        np.testing.assert_array_equal(alone[0], position[frames])
+        np.testing.assert_array_equal(alone[1], rotation[frames])
+    for joint in range(len(BODY.joints)):
+        np.testing.assert_array_equal(world_rotation(pose, joint), rotation[:, joint])
 
 
 def test_forward_kinematics_equals_pinocchio() -> None:

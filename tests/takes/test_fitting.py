@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from body_poses import no_points, places_of
 
-from bodysense.body.pose import Pose
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reach
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.fingers import is_finger
@@ -41,6 +41,19 @@ def test_a_spine_points_from_the_head_to_the_pelvis(pose: Pose) -> None:
     rest = np.r_[0:10, 30 : len(truth)]
     np.testing.assert_array_equal(met.rotation[rest], wrong.rotation[rest])
     np.testing.assert_array_equal(met.root_position[rest], wrong.root_position[rest])
+
+
+def test_a_fit_is_equal_if_places_are_known(pose: Pose) -> None:
+    """Whole limbs are tracked for a while, middle joints longer than ends."""
+    skeleton, measured = pose.skeleton, no_points(pose)
+    measured[10:30, skeleton.indices(["left_elbow", "right_knee", "left_knee"])] = True
+    measured[15:40, skeleton.indices(["left_wrist", "right_wrist", "right_ankle", "left_ankle"])] = True
+    truth, wrong = places_of(pose)[0], turned(turned(pose, "left_elbow", 0.3), "right_hip", 0.05)
+    places = forward_kinematics(wrong)
+    bent, known = fit_limbs(wrong, truth, measured, SECONDS), fit_limbs(wrong, truth, measured, SECONDS, places)
+    np.testing.assert_array_equal(known.rotation, bent.rotation)
+    off = np.linalg.norm(places_of(bent)[0] - truth, axis=-1)
+    assert off[15:30, skeleton.indices(["left_elbow", "left_wrist"])].max() < 1e-3
 
 
 @pytest.mark.parametrize("end", ["left_wrist", "right_ankle"])

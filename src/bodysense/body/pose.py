@@ -18,8 +18,12 @@ from bodysense.geometry.rotation import (
     quaternion_rotate,
 )
 
-_BLOCK = 256  # frames; (256, 65, 3) numbers stay in the processor's cache
-_CYCLE = ((1, 2), (2, 0), (0, 1))  # the axes of a cross product
+_BLOCK = 128 * 65  # points of all frames of a block, so that it stays in the processor's cache
+_AHEAD, _BEHIND = [1, 2, 0], [2, 0, 1]  # the axes of a cross product
+# Component k of the first factor of a quaternion product is multiplied by these components of the second, in this order
+# and with these signs.
+_SECOND = ([0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0])
+_SIGNS = np.array([[1, 1, 1, 1], [-1, 1, -1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1]], dtype=float)[:, :, None, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,18 +84,18 @@ def _kinematics_of_frames(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     levels = [(joints, [skeleton.parents[joint] for joint in joints]) for joints, _ in skeleton.levels[1:]]
     sites = list(range(len(skeleton.joints), len(skeleton.points)))
     site_parents = [skeleton.parents[site] for site in sites]
-    for start in range(0, frames, _BLOCK):
-        block = slice(start, start + _BLOCK)
-        local = np.ascontiguousarray(given[block].transpose(2, 1, 0))  # (4, J, N)
-        world = local.copy()
+    ahead, behind, size = bones[_AHEAD], bones[_BEHIND], max(1, _BLOCK // len(skeleton.points))
+    for start in range(0, frames, size):
+        block = slice(start, start + size)
+        world = np.ascontiguousarray(given[block].transpose(2, 1, 0))  # (4, J, N); local until its level is done
         for joints, above in levels:
-            world[:, joints] = _product(world[:, above], local[:, joints])
+            world[:, joints] = _product(world[:, above], world[:, joints])
         rotation[block] = world.transpose(2, 1, 0)
         w, *axis = world[:, carriers]
-        place = np.zeros((3, len(skeleton.points), local.shape[-1]))
-        twice = [2 * (axis[i] * bones[j] - axis[j] * bones[i]) for i, j in _CYCLE]
-        for k, (i, j) in enumerate(_CYCLE):
-            place[k, 1:] = bones[k] + w * twice[k] + axis[i] * twice[j] - axis[j] * twice[i]
+        first, second = np.stack([axis[k] for k in _AHEAD]), np.stack([axis[k] for k in _BEHIND])
+        twice = 2 * (first * behind - second * ahead)
+        place = np.zeros((3, len(skeleton.points), world.shape[-1]))
+        place[:, 1:] = bones + w * twice + first * twice[_BEHIND] - second * twice[_AHEAD]
         place[:, 0] = root[block].T
         for points, above in (*levels, (sites, site_parents)):
             place[:, points] += place[:, above]
@@ -100,17 +104,11 @@ def _kinematics_of_frames(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the product of quaternions whose components come first, (4, ...)."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
-    return np.stack(
-        [
-            aw * bw - ax * bx - ay * by - az * bz,
-            aw * bx + ax * bw + ay * bz - az * by,
-            aw * by - ax * bz + ay * bw + az * bx,
-            aw * bz + ax * by - ay * bx + az * bw,
-        ]
-    )
+    """Return the product of quaternions (4, J, N), whose components come first: equal to `quaternion_multiply`'s."""
+    whole = a[0] * b
+    for k in (1, 2, 3):
+        whole += _SIGNS[k] * b[_SECOND[k]] * a[k]
+    return whole
 
 
 def world_rotation(pose: Pose, joint: int) -> Array:

@@ -31,10 +31,15 @@ def reach(pose: Pose, end: str, target: np.ndarray) -> Pose:
     return reach_all(pose, {end: target})
 
 
-def reach_all(pose: Pose, targets: Mapping[str, np.ndarray]) -> Pose:
-    """Bend several limbs like `reach`; `targets` are by wrist or ankle."""
+def reach_all(
+    pose: Pose, targets: Mapping[str, np.ndarray], placed: tuple[np.ndarray, np.ndarray] | None = None
+) -> Pose:
+    """Bend several limbs like `reach`; `targets` are by wrist or ankle.
+
+    `placed` is `forward_kinematics` of the pose, if it is known.
+    """
     skeleton, rotation = pose.skeleton, np.array(pose.rotation)
-    position, world = (np.asarray(part) for part in forward_kinematics(pose))
+    position, world = (np.asarray(part) for part in placed or forward_kinematics(pose))
     for end, target in targets.items():
         tip = skeleton.index(end)
         middle = skeleton.parents[tip]

@@ -61,7 +61,9 @@ class Trunk:
         return Pose(self.whole, pose.root_position, rotation)
 
 
-def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pose:
+def fit_limbs(
+    pose: Pose, points: Array, measured: Array, seconds: float, placed: tuple[Array, Array] | None = None
+) -> Pose:
     """Bend limbs so that `measured` wrists, ankles, elbows and knees are at their points.
 
     A limb bends in its plane. Hands and feet keep their world rotations. The corrections fade into the frames before
@@ -72,27 +74,31 @@ def fit_limbs(pose: Pose, points: Array, measured: Array, seconds: float) -> Pos
         points: (T, P, 3) m, world: measured positions of tracked points, estimated positions of all others.
         measured: (T, P) bool: points that are tracked.
         seconds: time between frames.
+        placed: `forward_kinematics` of the pose, if it is known.
     """
-    skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
+    skeleton, (position, world) = pose.skeleton, placed or _placed(pose)
     tips = {end: skeleton.index(end) for end in ENDS}
     legs = {tip for end, tip in tips.items() if end.endswith("ankle")}
     goals = {end: np.where(measured[:, [tip]], points[:, tip], position[:, tip]) for end, tip in tips.items()}
-    bent = reach_all(pose, goals)
+    bent = reach_all(pose, goals, (position, world))
     rotation = np.array(pose.rotation)
     for tip in tips.values():
         for joint in (skeleton.parents[skeleton.parents[tip]], skeleton.parents[tip], tip):
             rotation[measured[:, tip], joint] = bent.rotation[measured[:, tip], joint]
     met = Pose(skeleton, pose.root_position, rotation.copy())
+    places = _placed(met)
     for tip in tips.values():
         middle = skeleton.parents[tip]
         seen, ends = measured[:, middle], measured[:, tip]
         if seen.any():
-            angle = fade_offsets(_swivel(met, tip, points)[:, None], seen, seconds)[:, 0]
-            _turn_at_middle(met[seen], tip, points[seen], seen, rotation)
+            angle = fade_offsets(_swivel(skeleton, places[0], tip, points)[:, None], seen, seconds)[:, 0]
+            _turn_at_middle(skeleton, places, tip, points[seen], seen, rotation)
             if tip in legs:  # hands are met, as they touch things
-                met = _ease_stretch(met, tip, seen, ends, seconds, rotation)
+                eased = _ease_stretch(met, tip, seen, ends, seconds, rotation)
+                if eased is not met:
+                    met, places = eased, _placed(eased)
             beside = ends & ~seen & (angle != 0)
-            _turn_about_limb(met[beside], tip, angle[beside], beside, rotation)
+            _turn_about_limb(skeleton, places, tip, angle[beside], beside, rotation)
         _fade_turns(pose, world, tip, seen | ends, seconds, rotation)
     return Pose(skeleton, pose.root_position, rotation)
 
@@ -146,6 +152,12 @@ def _ease_stretch(met: Pose, tip: int, seen: Array, ends: Array, seconds: float,
     return Pose(skeleton, met.root_position, turned)
 
 
+def _placed(pose: Pose) -> tuple[Array, Array]:
+    """Return positions and world rotations of a pose."""
+    position, world = forward_kinematics(pose)
+    return np.asarray(position), np.asarray(world)
+
+
 def _fade_turns(pose: Pose, world: Array, tip: int, tracked: Array, seconds: float, rotation: Array) -> None:
     """Fade the corrections of a limb from `tracked` (T,) frames into their neighbours, in local rotations (T, J, 4).
 
@@ -176,13 +188,14 @@ def fade_offsets(offset: Array, measured: Array, seconds: float) -> Array:
     return found
 
 
-def _swivel(pose: Pose, tip: int, points: Array) -> Array:
+def _swivel(skeleton: Skeleton, position: Array, tip: int, points: Array) -> Array:
     """Return the angle (T,) rad in (-pi, pi] that turns a limb's middle joint to the side of its point (T, P, 3).
 
-    The axis is the line from the first joint to the end. The angle is 0 for a straight limb.
+    `position` (T, P, 3) m is that of the body. The axis is the line from the first joint to the end. The angle is 0 for
+    a straight limb.
     """
-    position, middle = np.asarray(forward_kinematics(pose)[0]), pose.skeleton.parents[tip]
-    start = position[:, pose.skeleton.parents[middle]]
+    middle = skeleton.parents[tip]
+    start = position[:, skeleton.parents[middle]]
     axis = position[:, tip] - start
     axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-9)
     current, wanted = (
@@ -194,9 +207,14 @@ def _swivel(pose: Pose, tip: int, points: Array) -> Array:
     return np.where(bent, angle, 0.0)
 
 
-def _turn_about_limb(pose: Pose, tip: int, angle: Array, where: Array, rotation: Array) -> None:
-    """Turn a limb about the line from first joint to end; writes local rotations (T, J, 4) of frames `where`."""
-    skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
+def _turn_about_limb(
+    skeleton: Skeleton, places: tuple[Array, Array], tip: int, angle: Array, where: Array, rotation: Array
+) -> None:
+    """Turn a limb about the line from first joint to end; writes local rotations (T, J, 4) of frames `where`.
+
+    `places` are positions and world rotations of the body in all frames.
+    """
+    position, world = (part[where] for part in places)
     middle = skeleton.parents[tip]
     axis = position[:, tip] - position[:, skeleton.parents[middle]]
     axis = axis / np.maximum(np.linalg.norm(axis, axis=-1, keepdims=True), 1e-9)
@@ -205,12 +223,16 @@ def _turn_about_limb(pose: Pose, tip: int, angle: Array, where: Array, rotation:
     _set_limb(skeleton, tip, world, above, quaternion_multiply(turn, world[:, middle]), where, rotation)
 
 
-def _turn_at_middle(pose: Pose, tip: int, points: Array, where: Array, rotation: Array) -> None:
-    """Turn a limb so that middle and end reach their points; writes local rotations (T, J, 4) of frames `where`."""
-    skeleton = pose.skeleton
+def _turn_at_middle(
+    skeleton: Skeleton, places: tuple[Array, Array], tip: int, points: Array, where: Array, rotation: Array
+) -> None:
+    """Turn a limb so that middle and end reach their points; writes local rotations (T, J, 4) of frames `where`.
+
+    `places` are positions and world rotations of the body in all frames.
+    """
     middle = skeleton.parents[tip]
     first = skeleton.parents[middle]
-    position, world = (np.asarray(part) for part in forward_kinematics(pose))
+    position, world = (part[where] for part in places)
     start = position[:, first]
     swung = shortest_arc(position[:, middle] - start, points[:, middle] - start)
     upper = quaternion_rotate(swung, position[:, middle] - start)
@@ -282,22 +304,26 @@ def fit_hips(pose: Pose, points: Array, measured: Array, turned: Array, seconds:
     seen = np.asarray(measured[:, hips].all(axis=1))
     off = fade_offsets((points - position)[:, hips].mean(axis=1), seen, seconds)
     pose = Pose(pose.skeleton, pose.root_position + off, pose.rotation)
-    for side in ("left", "right"):
-        pose = _aim_joint(pose, f"{side}_collar", f"{side}_shoulder", points, measured & ~turned)
-    position = np.asarray(forward_kinematics(pose)[0])
-    pose = fit_limbs(pose, np.where(measured[..., None], points, position), measured, seconds)
-    for side in ("left", "right"):
-        pose = _aim_joint(pose, f"{side}_ankle", f"{side}_foot", points, measured & ~turned)
+    pose = _aim_joints(pose, "collar", "shoulder", points, measured & ~turned)
+    placed = _placed(pose)
+    pose = fit_limbs(pose, np.where(measured[..., None], points, placed[0]), measured, seconds, placed)
+    pose = _aim_joints(pose, "ankle", "foot", points, measured & ~turned)
     return trunk.with_fingers(pose, whole)
 
 
-def _aim_joint(pose: Pose, joint: str, end: str, points: Array, measured: Array) -> Pose:
-    """Turn a joint so that its `end` points to its `measured` point (T, P, 3); the end keeps its world rotation."""
-    skeleton, (position, world) = pose.skeleton, (np.asarray(part) for part in forward_kinematics(pose))
-    first, last = skeleton.indices([joint, end])
-    where, rotation, above = measured[:, last], np.array(pose.rotation), world[:, skeleton.parents[first]]
-    swung = shortest_arc((position[:, last] - position[:, first])[where], (points[:, last] - position[:, first])[where])
-    own = quaternion_multiply(swung, world[where, first])
-    for k, base, to in ((first, above[where], own), (last, own, world[where, last])):
-        rotation[where, k] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), to))
+def _aim_joints(pose: Pose, joint: str, end: str, points: Array, measured: Array) -> Pose:
+    """Turn a joint of each side so that its `end` points to its `measured` point (T, P, 3).
+
+    The end keeps its world rotation.
+    """
+    skeleton, (position, world), rotation = pose.skeleton, _placed(pose), np.array(pose.rotation)
+    for side in ("left", "right"):
+        first, last = skeleton.indices([f"{side}_{joint}", f"{side}_{end}"])
+        where, above = measured[:, last], world[:, skeleton.parents[first]]
+        start = position[where, first]
+        own = quaternion_multiply(
+            shortest_arc(position[where, last] - start, points[where, last] - start), world[where, first]
+        )
+        for k, base, to in ((first, above[where], own), (last, own, world[where, last])):
+            rotation[where, k] = quaternion_canonical(quaternion_multiply(quaternion_conjugate(base), to))
     return Pose(skeleton, pose.root_position, rotation)

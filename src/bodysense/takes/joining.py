@@ -136,8 +136,14 @@ def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
 def keep_tracked_rotations(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:
     """Return local rotations (T, J, 4) in which `turned` (T, J) joints have their `world` (T, J, 4) rotation."""
     rotation, placed = rotation.copy(), np.zeros_like(rotation)
-    for joint, parent in enumerate(skeleton.parents[: rotation.shape[1]]):
-        kept = turned[:, [joint]]
+    above: set[int] = set()  # turned joints and the joints that carry them
+    for turning in np.flatnonzero(turned.any(axis=0)).tolist():
+        joint = turning
+        while joint >= 0 and joint not in above:
+            above.add(joint)
+            joint = skeleton.parents[joint]
+    for joint in sorted(above):
+        parent, kept = skeleton.parents[joint], turned[:, [joint]]
         if parent < 0:
             rotation[:, joint] = placed[:, joint] = np.where(kept, world[:, joint], rotation[:, joint])
             continue

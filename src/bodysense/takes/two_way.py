@@ -165,8 +165,8 @@ class TwoWayTracker:
         pose = trunk.without_fingers(replace(pose, root_position=pose.root_position + off))
         goal, known = points[:, trunk.points], measured[:, trunk.points]
         pose = fit_trunk(pose, goal, known)
-        goal = np.where(known[..., None], goal, np.asarray(forward_kinematics(pose)[0]))
-        pose = fit_limbs(pose, goal, known, seconds)
+        position, world = (np.asarray(part) for part in forward_kinematics(pose))
+        pose = fit_limbs(pose, np.where(known[..., None], goal, position), known, seconds, (position, world))
         contact = (1 - share[..., 0]) * forward.contact + share[..., 0] * backward.contact
         if self.settings.hold_feet:
             pose = plant_feet(pose, contact, known, turned[:, trunk.joints], self.settings.floor, seconds)
