@@ -89,6 +89,10 @@ def test_a_webcam_sees_a_person(watched: Watched) -> None:
     assert facts["nobody"].startswith("Nobody is seen yet")
 
 
+def test_a_webcam_sees_fingers(watched: Watched) -> None:
+    assert watched[1]["small"]["most"] >= 36  # 16 of the body, 20 of a hand
+
+
 def test_a_webcams_body_stands_on_the_floor(watched: Watched) -> None:
     clip = read_bvh(watched[0] / "seen.png.bvh")
     position = np.asarray(forward_kinematics(clip.pose)[0])

@@ -1,6 +1,13 @@
-/** The worker that finds a person in pictures: MediaPipe's pose landmarker. */
+/** The worker that finds a person in pictures: MediaPipe's pose and hand landmarkers. */
 
-import { PoseLandmarker, type NormalizedLandmark, type Landmark } from "@mediapipe/tasks-vision";
+import { HandLandmarker, PoseLandmarker, type NormalizedLandmark, type Landmark } from "@mediapipe/tasks-vision";
+
+/** A hand in a picture: 21 landmarks, as MediaPipe gives them. */
+export interface SeenHand {
+  readonly world: readonly Landmark[];
+  readonly picture: readonly NormalizedLandmark[];
+  readonly left: number; // probability that it is a left hand
+}
 
 export type ToCamera =
   | { readonly type: "open"; readonly base: string }
@@ -12,15 +19,25 @@ export type FromCamera =
       readonly type: "seen";
       readonly world: readonly Landmark[];
       readonly picture: readonly NormalizedLandmark[];
+      readonly hands: readonly SeenHand[];
       readonly image: ImageBitmap; // that they were found in
       readonly milliseconds: number;
     }
   | { readonly type: "failed"; readonly reason: string };
 
-const MODEL = "pose_landmarker_full.task";
-let landmarker: PoseLandmarker | null = null;
+const [POSE, HANDS] = ["pose_landmarker_full.task", "hand_landmarker.task"];
+const SURE = 0.4; // least probability of a hand that is found
+let poses: PoseLandmarker | null = null;
+let hands: HandLandmarker | null = null;
 
 const send = (message: FromCamera, given: Transferable[] = []): void => postMessage(message, { transfer: given });
+
+/** Set the global by which MediaPipe's loader hands over its WebAssembly. MediaPipe clears it after each landmarker, and
+ * a second import of the loader does not run it again. */
+async function offerFactory(loader: string): Promise<void> {
+  const { default: ModuleFactory } = (await import(/* @vite-ignore */ loader)) as { readonly default: unknown };
+  Object.assign(globalThis, { ModuleFactory });
+}
 
 async function open(base: string): Promise<void> {
   const at = (name: string): string => new URL(name, base).href;
@@ -28,18 +45,33 @@ async function open(base: string): Promise<void> {
     wasmLoaderPath: at("vision_wasm_module_internal.js"),
     wasmBinaryPath: at("vision_wasm_module_internal.wasm"),
   };
-  landmarker = await PoseLandmarker.createFromOptions(files, {
-    baseOptions: { modelAssetPath: at(MODEL), delegate: "CPU" },
+  await offerFactory(files.wasmLoaderPath);
+  poses = await PoseLandmarker.createFromOptions(files, {
+    baseOptions: { modelAssetPath: at(POSE), delegate: "CPU" },
     runningMode: "VIDEO",
     numPoses: 1,
+  });
+  await offerFactory(files.wasmLoaderPath);
+  hands = await HandLandmarker.createFromOptions(files, {
+    baseOptions: { modelAssetPath: at(HANDS), delegate: "CPU" },
+    runningMode: "VIDEO",
+    numHands: 2,
+    minHandDetectionConfidence: SURE,
   });
   send({ type: "opened" });
 }
 
 async function look(image: ImageBitmap, milliseconds: number): Promise<void> {
-  const result = landmarker?.detectForVideo(image, milliseconds);
+  const result = poses?.detectForVideo(image, milliseconds);
   const [world, picture] = [result?.worldLandmarks[0] ?? [], result?.landmarks[0] ?? []];
-  send({ type: "seen", world, picture, image, milliseconds }, [image]);
+  const found = hands?.detectForVideo(image, milliseconds);
+  const seen = (found?.landmarks ?? []).map((places, k): SeenHand => {
+    const [side] = found?.handedness[k] ?? [];
+    // The labels are right for pictures that are not mirrored.
+    const left = side ? (side.categoryName === "Left" ? side.score : 1 - side.score) : 0.5;
+    return { world: found?.worldLandmarks[k] ?? [], picture: places, left };
+  });
+  send({ type: "seen", world, picture, hands: seen, image, milliseconds }, [image]);
 }
 
 addEventListener("message", ({ data }: MessageEvent<ToCamera>) => {

@@ -11,6 +11,9 @@ const FIRST = 11; // shoulders; before them are landmarks of the face
 const BONES = "11-12 11-13 13-15 12-14 14-16 11-23 12-24 23-24 23-25 25-27 27-31 24-26 26-28 28-32"
   .split(" ")
   .map((pair) => pair.split("-").map(Number));
+const HAND = "0-1 1-2 2-3 3-4 0-5 5-6 6-7 7-8 5-9 9-10 10-11 11-12 9-13 13-14 14-15 15-16 13-17 0-17 17-18 18-19 19-20"
+  .split(" ")
+  .map((pair) => pair.split("-").map(Number));
 const COLOUR = "#35d0ba";
 
 export class CameraPicture {
@@ -19,7 +22,11 @@ export class CameraPicture {
   private readonly context = this.canvas.getContext("2d");
 
   /** Draw a picture as a mirror shows it, with the landmarks that were found in it. */
-  draw(picture: HTMLVideoElement | ImageBitmap, marks: Marks = []): void {
+  draw(
+    picture: HTMLVideoElement | ImageBitmap,
+    marks: Marks = [],
+    hands: readonly { readonly picture: Marks }[] = [],
+  ): void {
     const isVideo = picture instanceof HTMLVideoElement;
     const [across, up] = isVideo ? [picture.videoWidth, picture.videoHeight] : [picture.width, picture.height];
     if (!this.context || across === 0) return;
@@ -37,6 +44,11 @@ export class CameraPicture {
       if (isSeen(start) && isSeen(end)) {
         context.moveTo(...place(start));
         context.lineTo(...place(end));
+      }
+    for (const { picture: hand } of hands)
+      for (const [start, end] of HAND) {
+        context.moveTo(hand[start].x * WIDTH, hand[start].y * height);
+        context.lineTo(hand[end].x * WIDTH, hand[end].y * height);
       }
     context.stroke();
     for (let mark = 0; mark < marks.length; mark++)

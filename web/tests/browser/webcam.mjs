@@ -34,6 +34,12 @@ await scenario(
       window.notices = [];
       const line = document.getElementById("camera-says");
       new MutationObserver(() => notices.push(line.textContent)).observe(line, { childList: true });
+      window.most = 0; // points: 20 more for each hand that is found
+      const summary = document.getElementById("summary");
+      new MutationObserver(() => {
+        if (document.getElementById("source").textContent.includes("webcam"))
+          most = Math.max(most, Number(/(\d+) points/.exec(summary.textContent)?.[1] ?? 0));
+      }).observe(summary, { childList: true, characterData: true, subtree: true });
     });
     for (let press = 0; press < 2; press++) await page.dispatchEvent("#open-webcam", "click"); // twice, as people do
     await until(page, "#source", "webcam");
@@ -57,7 +63,7 @@ await scenario(
     const small = await page.evaluate(() => {
       const canvas = document.getElementById("camera-picture");
       const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-      return { notices, isShown: canvas.checkVisibility(), colours: new Set(new Uint32Array(data.buffer)).size };
+      return { notices, most, isShown: canvas.checkVisibility(), colours: new Set(new Uint32Array(data.buffer)).size };
     });
     const [download] = await Promise.all([page.waitForEvent("download"), page.dispatchEvent("#save-bvh", "click")]);
     await download.saveAs(`${picture}.bvh`);

@@ -12,6 +12,7 @@ import {
   UPRIGHT,
   VISIBLE,
 } from "./constants";
+import { turnedHands } from "./hands";
 import { placesOf, type Landmarks } from "./landmark_marks";
 
 const RADIANS = Math.PI / 180;
@@ -51,13 +52,14 @@ export class CameraLevel {
   }
 
   /** Landmarks as an upright camera in the same place sees them. */
-  upright({ world, picture, visible }: Landmarks): Landmarks {
+  upright({ world, picture, visible, hands }: Landmarks): Landmarks {
     const roll = this.roll ** 3 / (this.roll ** 2 + (SWAY * RADIANS) ** 2); // less if it is within people's sway
     const turn: Quaternion = [Math.cos(roll / 2), 0, 0, Math.sin(roll / 2)];
     return {
       world: world.map((place) => rotate(turn, place)),
       picture: picture.map(([x, y]) => rotate(turn, [x, y, 0]).slice(0, 2) as unknown as readonly [number, number]),
       visible,
+      hands: hands && turnedHands(hands, turn),
     };
   }
 }

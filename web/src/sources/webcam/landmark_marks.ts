@@ -1,12 +1,14 @@
 /** MediaPipe's landmarks of a person, by the names of the body's parts. */
 
 import { add, scaled, type Vector } from "../../body/math";
+import type { Hands } from "./hands";
 
 /** MediaPipe's 33 landmarks of one frame; axes of the camera: x to the right of the picture, y up, z to the camera. */
 export interface Landmarks {
   readonly world: readonly Vector[]; // m, from between the hips
   readonly picture: readonly (readonly [number, number])[]; // heights of the picture, from its middle, y up
   readonly visible: readonly number[]; // probability
+  readonly hands?: Hands | undefined;
 }
 
 export const MARKS = { nose: 0, left_ear: 7, right_ear: 8 } as const;

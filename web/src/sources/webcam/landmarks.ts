@@ -23,6 +23,7 @@ import {
 import { ACCURACY, type Point } from "../../body/observation";
 import { restOf, type Skeleton } from "../../body/skeleton";
 import { CameraLevel } from "./camera_level";
+import { fingerPoints, layHand } from "./hands";
 import { Laid } from "./laid";
 import { FEET_VISIBLE, FLOOR_HALF_LIFE, NEAR, UNSEEN_LEGS, VISIBLE } from "./constants";
 import { mark, MARKS, SIDES, type Landmarks, type Part, type Side } from "./landmark_marks";
@@ -120,7 +121,8 @@ function pointsOf(laid: Laid, { visible }: Landmarks, room: Quaternion, root: Ve
     const rotation = laid.rotation.get(name);
     return rotation ? multiply(room, rotation) : null;
   };
-  const points = ["head", ...parts(["shoulder", "elbow", "wrist"]), ...legs]
+  const fingers = SIDES.flatMap(fingerPoints); // visible where hands were found
+  const points = ["head", ...parts(["shoulder", "elbow", "wrist"]), ...legs, ...fingers]
     .filter((name) => laid.visible(name) >= VISIBLE)
     .map((name) => ({
       name,
@@ -131,7 +133,7 @@ function pointsOf(laid: Laid, { visible }: Landmarks, room: Quaternion, root: Ve
   return [...points, { name: "spine3", position: null, rotation: turned("spine3"), accuracy: errorOf("spine3") }];
 }
 
-function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
+function lay({ world, visible: seen, hands }: Landmarks, skeleton: Skeleton): Laid {
   const [laid, rest] = [new Laid(), restOf(skeleton)];
   const both = (part: Part) => SIDES.map((side) => world[mark(side, part)]);
   const middle = ([a, b]: readonly Vector[]): Vector => scaled(add(a, b), 0.5);
@@ -165,8 +167,9 @@ function lay({ world, visible: seen }: Landmarks, skeleton: Skeleton): Laid {
       laid.put(last, add(laid.at(first), along), Math.min(laid.visible(first), seen[mark(side, end)]));
     }
     layBall(side, rest, laid);
-    const hand = handOf(side, world);
-    if (Math.min(seen[mark(side, "wrist")], seen[mark(side, "index")]) >= VISIBLE && hand)
+    const [hand, fingers] = [handOf(side, world), hands?.[side]];
+    if (fingers) layHand(side, fingers, skeleton, laid);
+    else if (Math.min(seen[mark(side, "wrist")], seen[mark(side, "index")]) >= VISIBLE && hand)
       laid.rotation.set(`${side}_wrist`, hand);
   }
   return laid;

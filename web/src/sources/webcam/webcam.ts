@@ -1,6 +1,7 @@
 /** A webcam: a person's landmarks, found in a worker, become points of the body. Nothing leaves this browser. */
 
 import { VISIBLE } from "./constants";
+import { handsOf, smoothedHands, type Hand } from "./hands";
 import { mark, SIDES, type Landmarks } from "./landmark_marks";
 import { LandmarkPoints } from "./landmarks";
 import { mixed, type Vector } from "../../body/math";
@@ -14,7 +15,7 @@ const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as web
 const CALM = 0.05; // s: half-life of the smoothing of landmarks
 const GUESSED = 0.15; // largest probability of landmarks beyond the picture; the library's have it, too
 const LONELY = 4; // s without a person before the page reports it
-const LOADING = "Loading the person detector: 23 MB, once …";
+const LOADING = "Loading the person detector: 31 MB, once …";
 const LOOKING = "Looking for you …";
 const REFUSALS: Readonly<Record<string, string>> = {
   NotAllowedError:
@@ -124,22 +125,26 @@ class Webcam implements Source {
     else this.see(message);
   }
 
-  private see({ world, picture, image, milliseconds }: Extract<FromCamera, { type: "seen" }>): void {
+  private see({ world, picture, hands, image, milliseconds }: Extract<FromCamera, { type: "seen" }>): void {
     this.isLooking = false;
-    this.small.draw(image, picture);
+    this.small.draw(image, picture, hands);
     image.close();
     const aspect = this.video.videoWidth / Math.max(this.video.videoHeight, 1);
-    const found: Landmarks | null =
+    const placesOf = (marks: typeof world): Vector[] => marks.map(({ x, y, z }): Vector => [x, -y, -z]);
+    const shares = (marks: typeof picture) => marks.map(({ x, y }) => [(x - 0.5) * aspect, 0.5 - y] as const);
+    const body: Landmarks | null =
       world.length === 0
         ? null
         : {
-            world: world.map(({ x, y, z }): Vector => [x, -y, -z]),
-            picture: picture.map(({ x, y }) => [(x - 0.5) * aspect, 0.5 - y] as const),
+            world: placesOf(world),
+            picture: shares(picture),
             // A part beyond the picture is a guess, however visible MediaPipe holds it.
             visible: world.map(({ visibility }, k) =>
               Math.min(visibility ?? 0, picture[k].presence ?? 1, isInside(picture[k]) ? 1 : GUESSED),
             ),
           };
+    const seen = hands.map((one): Hand => ({ ...one, world: placesOf(one.world), picture: shares(one.picture) }));
+    const found = body && { ...body, hands: handsOf(body, seen) };
     const passed = Math.min((milliseconds - this.before) / 1000, 1);
     this.calm = found && this.calm ? smoothed(this.calm, found, 1 - 2 ** (-passed / CALM)) : found;
     const points =
@@ -185,5 +190,6 @@ function smoothed(before: Landmarks, now: Landmarks, share: number): Landmarks {
       return [a + share * (x - a), b + share * (y - b)] as const;
     }),
     visible: now.visible,
+    hands: smoothedHands(before.hands ?? {}, now.hands ?? {}, share),
   };
 }

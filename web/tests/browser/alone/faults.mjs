@@ -8,7 +8,7 @@ const site = await serveFolder(folder);
 /** A camera of which MediaPipe sees nobody. */
 const NOBODY = `postMessage({ type: "opened" });
   onmessage = ({ data: { picture: image, milliseconds } }) =>
-    image && postMessage({ type: "seen", world: [], picture: [], image, milliseconds }, [image]);`;
+    image && postMessage({ type: "seen", world: [], picture: [], hands: [], image, milliseconds }, [image]);`;
 
 await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" }, async (page) => {
   const about = { server: false, webcam: true, version: "fake", files: [] };

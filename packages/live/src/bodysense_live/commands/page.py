@@ -12,7 +12,7 @@ def page(out: Output, webcam: bool = False, landmarkers: Path | None = None) -> 
 
     Args:
         out: folder for its files; created if missing.
-        webcam: include the webcam: MediaPipe's files (23 MB), from the cache or downloaded once.
+        webcam: include the webcam: MediaPipe's files (31 MB), from the cache or downloaded once.
         landmarkers: folder with these files, in place of the cache.
     """
     from bodysense.devices.video.landmarker_files import find_files

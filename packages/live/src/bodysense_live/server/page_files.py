@@ -14,7 +14,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from bodysense.devices.video.landmarker_files import OFFICIAL, POSE_LANDMARKER
+from bodysense.devices.video.landmarker_files import HAND_LANDMARKER, OFFICIAL, POSE_LANDMARKER
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 
@@ -29,6 +29,7 @@ _VISION = "https://cdn.jsdelivr.net/npm/@mediapipe/tasks-vision@1.1.0/wasm"  # t
 # Optional: MediaPipe's files for the webcam, with address and SHA-256.
 WEBCAM = {
     POSE_LANDMARKER: OFFICIAL[POSE_LANDMARKER],
+    HAND_LANDMARKER: OFFICIAL[HAND_LANDMARKER],
     "vision_wasm_module_internal.js": (
         f"{_VISION}/vision_wasm_module_internal.js",
         "70eff3956521b7de058d7173a4935c95e4a223c26ea624b9f5a936d3a043dcb0",
