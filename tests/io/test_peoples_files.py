@@ -78,9 +78,8 @@ def test_several_motions_need_a_choice(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.place, place + 1.0)
 
 
-def test_vectors_of_text_to_motion_give_their_places() -> None:
-    """Encode as HumanML3D does: heading and steps of the root, places relative to it."""
-    place, _ = places()
+def vectors_of(place: np.ndarray) -> np.ndarray:
+    """Encode places (T, 22, 3) as HumanML3D does: heading and steps of the root, places relative to it."""
     across = place[:, 1] - place[:, 2]
     heading = np.unwrap(np.arctan2(-across[:, 2], across[:, 0]))
     heading -= heading[0]
@@ -94,8 +93,26 @@ def test_vectors_of_text_to_motion_give_their_places() -> None:
     vectors[:, 3] = place[:, 0, 1]
     local = place[:, 1:] - place[:, :1] * [1, 0, 1]
     vectors[:, 4:67] = quaternion_rotate(back[:, None], local).reshape(len(place), -1)
-    found = places_of_vectors(vectors)
-    np.testing.assert_allclose(found, place - place[:1, :1] * [1, 0, 1], atol=1e-9)
+    return vectors
+
+
+def test_vectors_of_text_to_motion_give_their_places(tmp_path: Path) -> None:
+    place, _ = places()
+    vectors = vectors_of(place)
+    np.testing.assert_allclose(places_of_vectors(vectors), place - place[:1, :1] * [1, 0, 1], atol=1e-9)
+    np.save(tmp_path / "vectors.npy", vectors.astype(np.float32))
+    opened = open_source(tmp_path / "vectors.npy", markers=MarkerOptions(rate=20.0))
+    assert isinstance(opened, MarkerSource)
+    seen = opened.recording.observation
+    off = seen.position[:, seen.points.index("left_wrist")] - place[:, 20]
+    assert np.abs(off - off.mean(axis=0)).max() < 1e-4
+
+
+def test_normalised_vectors_are_refused_with_the_way_to_undo_it(tmp_path: Path) -> None:
+    vectors = vectors_of(places()[0])
+    np.save(tmp_path / "vectors.npy", (vectors - vectors.mean(axis=0)) / (vectors.std(axis=0) + 1e-2))
+    with pytest.raises(BodysenseError, match=r"recover_from_ric.*Std\.npy and add its Mean\.npy, .*--points humanml3d"):
+        open_source(tmp_path / "vectors.npy")
 
 
 @pytest.mark.parametrize(

@@ -161,6 +161,17 @@ class Person:
             hands=self.hands,
         )
 
+    def with_skeleton(self, skeleton: Skeleton) -> Person:
+        """Replace the skeleton by one that was fitted to measurements; all else is unchanged."""
+        return Person(
+            skeleton,
+            height=self.height,
+            bone_deviation=self.bone_deviation,
+            mounts=self.mounts,
+            lengths=self.lengths,
+            hands=self.hands,
+        )
+
     def save(self, path: str | Path) -> None:
         """Write a JSON file that `load` reads."""
         with written_beside(path) as beside:

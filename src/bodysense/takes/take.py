@@ -29,7 +29,9 @@ from bodysense.observing.points import concatenated_frames, observed_points
 from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.sources.signals import Signal, refuse, signal_from
 from bodysense.takes.fitting import fit_hips
+from bodysense.takes.marker_body import fit_markers
 from bodysense.takes.two_way import complete_both_ways, concatenate_estimates
+from bodysense.takes.worn_markers import SeenMarkers
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import CompletionModel
 from bodysense.tracking.tracker import Tracker, TrackerSettings
@@ -254,9 +256,10 @@ def _track_signal(signal: Signal, completion: Completion, markers: MarkerSource 
     estimate, believed = _complete(observation, signal.person, completion, interval)
     pose = pose_on(estimate, believed)
     if markers is not None and not completion.causal:
-        fitted = _fit_to_markers(pose, observation, markers, interval)
+        fitted = _fit_to_markers(pose, observation, markers, interval, is_known=signal.person.is_known)
         if fitted is not pose:
             pose, estimate = fitted, _with_pose(estimate, fitted, observation)
+            believed = believed if fitted.skeleton is believed.skeleton else believed.with_skeleton(fitted.skeleton)
     clip, warnings = Clip(signal.name, pose, 1 / interval), _height_warnings(signal.person, believed)
     if markers is not None:
         warnings += markers.warnings
@@ -274,11 +277,14 @@ def _height_warnings(known: Person, believed: Person) -> tuple[str, ...]:
     )
 
 
-def _fit_to_markers(pose: Pose, observation: Observation, markers: MarkerSource, interval: float) -> Pose:
+def _fit_to_markers(
+    pose: Pose, observation: Observation, markers: MarkerSource, interval: float, *, is_known: bool
+) -> Pose:
     """Fit the pose of a body of markers to its hips, unless the head is more certain, and let unknown arms hang.
 
     The tracker keeps the head at its measured position. If that is a guess, pelvis and legs would be lifted. It was
-    not trained on markers of legs alone, for which it would raise the arms.
+    not trained on markers of legs alone, for which it would raise the arms. Then the pose, and the bones unless they
+    are known, are fitted to markers on the skin.
     """
     points, _, measured, turned = observed_points(observation, pose.skeleton)
     error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
@@ -296,7 +302,14 @@ def _fit_to_markers(pose: Pose, observation: Observation, markers: MarkerSource,
         arms = skeleton.indices([f"{side}_{part}" for side in ("left", "right") for part in ARM])
         rotation[:, arms] = standing_pose(skeleton).rotation[arms]
         pose = replace(pose, rotation=rotation)
-    return pose
+    if markers.found is None or markers.found.layout is None or not markers.found.layout.is_on_skin:
+        return pose
+    raw, columns = markers.found.raw, list(markers.found.layout.columns.values())
+    accuracy = np.median(observation.accuracy, axis=0)
+    seen = SeenMarkers(
+        markers.found.world.to_ours(raw.position[:, columns]), observation.points, observation.position, accuracy
+    )
+    return fit_markers(pose, seen, interval, is_known=is_known)
 
 
 def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Estimate:

@@ -11,7 +11,8 @@ import io
 import pickle  # noqa: TID251 - its opcodes; every name is looked up below
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import IO, Any, ClassVar, NoReturn
 
@@ -23,6 +24,7 @@ from bodysense.errors import BodysenseError
 ENDINGS = (".pkl", ".pickle", ".pt", ".pth", ".joblib")
 _LARGEST = 4 << 30  # bytes; larger files are not results of a motion
 _DEEPEST, _MOST = 32, 200_000  # levels and objects of a result that are looked at
+_SPREAD = 64  # times by which an expanded tensor may be larger than its numbers
 _KINDS = "biufSU"  # of numbers and texts in arrays
 _TENSORS = {
     "FloatStorage": "f4",
@@ -99,6 +101,9 @@ class _Call:
 
 class _Reader(pickle._Unpickler):  # in Python, so that the state of every object is set here
     stack: list[Any]
+    read: Callable[[int], bytes]
+    append: Callable[[Any], None]
+    pop_mark: Callable[[], list[Any]]
     dispatch: ClassVar[dict[int, Any]] = dict(pickle._Unpickler.dispatch)
 
     def __init__(self, stream: IO[bytes], path: Path, storage: Callable[[Any], Any] | None) -> None:
@@ -120,7 +125,7 @@ class _Reader(pickle._Unpickler):  # in Python, so that the state of every objec
         if (module, name) == ("joblib.numpy_pickle", "NumpyArrayWrapper"):
             return _Wrapper
         if (module, name) in (("collections", "OrderedDict"), ("builtins", "dict"), ("__builtin__", "dict")):
-            return _Call(lambda pairs=(): dict(pairs))
+            return _Call(_dictionary)
         if (module, name) == ("_codecs", "encode"):
             return _Call(lambda text, code="latin1": str(text).encode("latin1"))
         raise BodysenseError(
@@ -149,7 +154,47 @@ class _Reader(pickle._Unpickler):  # in Python, so that the state of every objec
         elif not isinstance(what, dict):
             _refuse("an object with a state")
 
-    dispatch[pickle.BUILD[0]] = load_build
+    def load_setitem(self) -> None:
+        """Set an item of a dictionary by a plain key."""
+        value, key = self.stack.pop(), self.stack.pop()
+        _check_keys([key])
+        self.stack[-1][key] = value
+
+    def load_setitems(self) -> None:
+        """Set items of a dictionary by plain keys."""
+        items = self.pop_mark()
+        _check_keys(items[::2])
+        what = self.stack[-1]
+        what.update(zip(items[::2], items[1::2], strict=True))
+
+    def load_dict(self) -> None:
+        """Build a dictionary with plain keys."""
+        items = self.pop_mark()
+        _check_keys(items[::2])
+        self.append(dict(zip(items[::2], items[1::2], strict=True)))
+
+    def load_buffer(self) -> None:
+        """Read a buffer of which all bytes are there."""
+        size = int.from_bytes(self.read(8), "little")
+        data = self.read(size)
+        if len(data) != size:
+            _refuse(f"a buffer of {size} bytes, of which {len(data)} are there")
+        self.append(data)
+
+    def load_set(self) -> None:
+        """Refuse sets, whose members may take forever to hash."""
+        _refuse("sets")
+
+    dispatch |= {
+        pickle.BUILD[0]: load_build,
+        pickle.SETITEM[0]: load_setitem,
+        pickle.SETITEMS[0]: load_setitems,
+        pickle.DICT[0]: load_dict,
+        pickle.EMPTY_SET[0]: load_set,
+        pickle.ADDITEMS[0]: load_set,
+        pickle.FROZENSET[0]: load_set,
+        pickle.BYTEARRAY8[0]: load_buffer,
+    }
 
 
 class _Wrapper(_Array):
@@ -160,6 +205,19 @@ class _Wrapper(_Array):
 
 def _refuse(what: str) -> NoReturn:
     raise ValueError(f"it holds {what}")
+
+
+def _check_keys(keys: Sequence[Any]) -> None:
+    """Refuse keys other than texts and numbers: nested tuples may take forever to hash."""
+    if not all(isinstance(key, (str, bytes, int, float)) for key in keys):
+        _refuse("dictionaries whose keys are no texts or numbers")
+
+
+def _dictionary(pairs: Any = ()) -> dict[Any, Any]:
+    """Return a dictionary of pairs with plain keys."""
+    pairs = list(pairs.items() if isinstance(pairs, dict) else pairs)
+    _check_keys([key for key, _ in pairs])
+    return dict(pairs)
 
 
 def _dtype(code: Any, *_: Any) -> np.dtype:
@@ -206,8 +264,10 @@ def _tensor(storage: np.ndarray, offset: int, size: Any, stride: Any, *_: Any) -
     last = offset + sum((n - 1) * step for n, step in zip(size, stride, strict=True))
     if min((offset, *size, *stride), default=0) < 0 or (0 not in size and last >= storage.size):
         _refuse(f"a tensor of {size} beyond its storage")
+    if int(np.prod(size, dtype=object)) > _SPREAD * storage.size:
+        _refuse(f"a tensor of {size} of {storage.size} numbers")
     steps = tuple(step * storage.itemsize for step in stride)
-    return np.lib.stride_tricks.as_strided(storage[offset:], size, steps, writeable=False).copy()
+    return np.lib.stride_tricks.as_strided(storage[offset:], size, steps, writeable=False)
 
 
 _NUMPY: dict[str, Callable[..., Any]] = {
@@ -230,9 +290,13 @@ def _torch(path: Path) -> Any:
                 raise BodysenseError(f"{path}: a zip file without the pickle of PyTorch; give an .npz or a motion file")
             folder = main.removesuffix("data.pkl")
 
+            @cache
+            def stored(key: str) -> bytes:
+                return archive.read(f"{folder}data/{key}")
+
             def storage(pid: Any) -> np.ndarray:
                 _, kind, key, *_ = pid
-                data = archive.read(f"{folder}data/{key}")
+                data = stored(str(key))
                 return np.frombuffer(data, kind, len(data) // kind.itemsize)
 
             return _load(io.BytesIO(archive.read(main)), path, storage)

@@ -56,7 +56,6 @@ LAYOUTS: dict[str, tuple[str, ...]] = {
 }
 Y_DOWN = ("mediapipe",)  # layouts of a camera, whose y points down
 DOWN = np.diag([1.0, -1.0, -1.0])  # our axes in those
-_WIDTH = 263  # numbers of a frame of HumanML3D
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +71,6 @@ class JointPlaces:
 
 def layouts_of(values: np.ndarray) -> list[Layout]:
     """Return the layouts that an array may have by its shape, SMPL's excepted, which bone lengths tell."""
-    if values.shape[1:] == (_WIDTH,):
-        return ["humanml3d"]
     if values.ndim != 3 or values.shape[2] != 3:
         return []
     return [name for name in get_args(Layout) if name in LAYOUTS and len(LAYOUTS[name]) == values.shape[1] != 22]

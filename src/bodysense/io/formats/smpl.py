@@ -119,8 +119,15 @@ def joint_places(
     if MOTION in arrays and "lengths" in arrays and arrays["lengths"].size == len(found[1]):
         values = values[: int(arrays["lengths"].reshape(-1)[(figure or 1) - 1])]
     remarks: list[str] = []
-    if layout == "humanml3d" and values.shape[1:] == (VECTOR,):
+    if layout in (None, "humanml3d") and values.shape[1:] == (VECTOR,):
         place = places_of_vectors(values.astype(np.float64))
+        if layout is None and not _is_body(place):
+            raise BodysenseError(
+                f"{path}: an array {values.shape} of HumanML3D's vectors, whose joints (recover_from_ric) are not a "
+                "body's; multiply it by the data set's Std.npy and add its Mean.npy, or read it unchanged with "
+                "--points humanml3d"
+            )
+        remarks.append("read as HumanML3D's vectors, 263 numbers a frame")
         return JointPlaces(place, default_skeleton().joints[:22], _rate(path, arrays, rate, remarks), tuple(remarks))
     if layout is not None:
         names = LAYOUTS.get(layout, ())
@@ -133,9 +140,8 @@ def joint_places(
         axes = DOWN if layout in Y_DOWN else None
         return JointPlaces(place, names, _rate(path, arrays, rate, remarks), tuple(remarks), axes)
     if fitting := layouts_of(values):
-        of = "263 numbers a frame, as HumanML3D has (recover_from_ric)" if "humanml3d" in fitting else "points"
         raise BodysenseError(
-            f"{path}: an array {values.shape} of {of}, whose layout is not told; give it: "
+            f"{path}: an array {values.shape} of points, whose layout is not told; give it: "
             f"{' or '.join(f'--points {name}' for name in fitting)}"
         )
     if values.shape[1:] not in {shape for count in (22, 24, 52, 55) for shape in ((count, 3), (3 * count,))}:

@@ -42,6 +42,11 @@ class MarkerLayout:
     world: FileWorld
     turn: np.ndarray | None = None  # (4,) wxyz, our axes ← the file's, if the rotations of bones are used
 
+    @property
+    def is_on_skin(self) -> bool:
+        """Whether the markers are on the skin, so that joints follow by more than means, not joints or bodies."""
+        return self.turn is None and any(recipe.how != "mean" for recipe in self.markers.points)
+
     def observe(self, position: np.ndarray, rotation: np.ndarray | None, time: np.ndarray) -> Observation:
         """Return the points of frames.
 

@@ -1,0 +1,176 @@
+"""Body of optical markers: poses that the seen markers determine, and plausible ones where markers are hidden.
+
+Joint centres follow from the markers of a frame alone (`io.markers.centres`) within a few centimetres. Over a whole
+take, the markers' motion tells more: where each is on the body, and how long the bones are (`worn_markers`). With these
+the pose of each frame is fitted to its markers. A joint with hidden markers is bridged from both sides of the gap, and
+the markers that are still seen correct it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bodysense.body.pose import Pose
+from bodysense.geometry import gaps
+from bodysense.geometry.rotation import (
+    quaternion_canonical,
+    quaternion_conjugate,
+    quaternion_exp,
+    quaternion_log,
+    quaternion_multiply,
+)
+from bodysense.takes.filling import TRUST
+from bodysense.takes.fitting import Trunk
+from bodysense.takes.worn_markers import (
+    ROOT,
+    TURN,
+    BodyPoses,
+    SeenMarkers,
+    WornMarkers,
+    cross_matrix,
+    fit_worn_markers,
+)
+
+Array = np.ndarray
+HIDDEN_TURN = 0.1  # rad; deviation of a joint with hidden markers from the bridge over the gap
+DETERMINED = 3  # markers that determine a joint's rotation
+RATE = 30.0  # Hz; at higher rates, corrections of the tracker's poses are interpolated between fitted frames
+_STEPS = 3  # Gauss-Newton steps of a pose
+_BLOCK = 64  # frames that are solved at once, in the processor's cache
+
+
+def fit_markers(pose: Pose, seen: SeenMarkers, seconds: float, *, is_known: bool) -> Pose:
+    """Fit a body to its markers, and its bones, too, unless they are known.
+
+    Args:
+        pose: (T,) of the tracker.
+        seen: markers of these frames.
+        seconds: time between frames.
+        is_known: whether the pose's skeleton is the wearer's own.
+
+    Returns the pose on the fitted bones; the same pose if too few markers are seen.
+    """
+    trunk = Trunk.of(pose.skeleton)
+    start = trunk.without_fingers(pose)
+    worn = fit_worn_markers(start, seen, is_known=is_known)
+    if worn is None:
+        return pose
+    position = np.concatenate([seen.position, seen.centre], axis=1)[:, worn.columns]
+    knots = np.unique(np.r_[np.arange(0, len(position), max(1, round(1 / (RATE * seconds)))), len(position) - 1])
+    poses = BodyPoses.of(start)
+    fitted = _fitted(worn, poses[knots], position[knots], seconds * float(np.diff(knots).max(initial=1)))
+    if len(knots) < len(position):
+        fitted = _between(poses, fitted, knots)
+    rest = np.array(pose.skeleton.rest_offset)
+    rest[trunk.points] = worn.skeleton.rest_offset
+    whole = replace(pose.skeleton, rest_offset=rest)
+    trunk = replace(trunk, whole=whole, skeleton=worn.skeleton)
+    return trunk.with_fingers(
+        Pose(worn.skeleton, fitted.root, fitted.local), Pose(whole, pose.root_position, pose.rotation)
+    )
+
+
+def _between(poses: BodyPoses, fitted: BodyPoses, knots: Array) -> BodyPoses:
+    """Return poses (T,) whose corrections are interpolated between frames `knots` with `fitted` poses."""
+    turn = quaternion_multiply(quaternion_conjugate(poses.local[knots]), fitted.local)
+    frames = np.arange(len(poses.root))
+    after = np.clip(np.searchsorted(knots, frames, side="right"), 1, len(knots) - 1)
+    share = ((frames - knots[after - 1]) / (knots[after] - knots[after - 1]))[:, None]
+    correction = np.concatenate(
+        [fitted.root - poses.root[knots], np.asarray(quaternion_log(turn)).reshape(len(knots), -1)], axis=1
+    )
+    between = (1 - share) * correction[after - 1] + share * correction[after]
+    turns = quaternion_exp(between[:, 3:].reshape(len(frames), -1, 3))
+    local = quaternion_canonical(quaternion_multiply(poses.local, turns))
+    return BodyPoses(poses.root + between[:, :3], np.asarray(local))
+
+
+def _fitted(worn: WornMarkers, poses: BodyPoses, position: Array, seconds: float) -> BodyPoses:
+    """Fit the poses of frames to markers (T, M, 3)."""
+    prior, joints = worn.start(poses), len(worn.skeleton.joints)
+    weight = np.full((len(position), 3 + 3 * joints), 1 / TURN**2)
+    weight[:, :3] = 1 / ROOT**2
+    now = _solved(worn, prior, position, weight)
+    local, hidden = np.array(now.local), _hidden_joints(worn, position)
+    for joint in np.flatnonzero(hidden.any(axis=0)).tolist():
+        trust = TRUST.get(worn.skeleton.joints[joint].rpartition("_")[2], TRUST["body"])
+        local[:, joint] = gaps.fill(local[:, joint], hidden[:, joint], seconds, prior.local[:, joint], trust)
+    rows = np.flatnonzero(hidden.any(axis=1))
+    if not rows.size:
+        return now
+    weight = weight[rows]
+    weight[:, 3:] = np.repeat(np.where(hidden[rows], 1 / HIDDEN_TURN**2, 1 / TURN**2), 3, axis=1)
+    bridged = _solved(worn, BodyPoses(now.root[rows], local[rows]), position[rows], weight)
+    root = np.array(now.root)
+    root[rows], local[rows] = bridged.root, bridged.local
+    return BodyPoses(root, local)
+
+
+def _hidden_joints(worn: WornMarkers, position: Array) -> Array:
+    """Return (T, J) bool: joints with markers of which too few are seen to determine the rotation, but not always."""
+    seen = np.asarray(np.isfinite(position).all(axis=-1))
+    hidden = np.zeros((len(seen), len(worn.skeleton.joints)), dtype=bool)
+    for joint in set(worn.joint.tolist()):
+        own = seen[:, worn.joint == joint]
+        hidden[:, joint] = own.sum(axis=1) < min(own.shape[1], DETERMINED)
+    return hidden & ~hidden.all(axis=0)
+
+
+def _solved(worn: WornMarkers, prior: BodyPoses, position: Array, weight: Array) -> BodyPoses:
+    """Return the likeliest poses, from `prior` with inverse variances `weight` (T, 3 + 3 J), by markers (T, M, 3)."""
+    root, local = np.zeros_like(prior.root), np.zeros_like(prior.local)
+    for first in range(0, len(position), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        now = prior[block]
+        for _ in range(_STEPS):
+            now = _step(worn, now, prior[block], position[block], weight[block])
+        root[block], local[block] = now.root, now.local
+    return BodyPoses(root, local)
+
+
+def _step(worn: WornMarkers, now: BodyPoses, prior: BodyPoses, position: Array, weight: Array) -> BodyPoses:
+    """Return the poses after a Gauss-Newton step.
+
+    The normal equations follow from moments of the markers that each joint moves: number, sum and sum of products of
+    their places p. The block of joints a above b is the sum of (p - b)·(p - a) I - (p - b) (p - a)ᵀ over b's markers.
+    """
+    above = worn.above
+    one, two = np.nonzero(above)  # one is two, or above it
+    joints, turn = now.kinematics(worn.skeleton)
+    place = worn.place(joints, turn)
+    share = np.isfinite(position).all(axis=-1) / worn.noise**2
+    force = np.nan_to_num(position - place) * share[..., None]
+    centre = joints[:, :1]  # keeps the moments small
+    place, joints = place - centre, joints - centre
+    moves = above[:, worn.joint].astype(float)  # (J, M)
+    sums = moves @ np.concatenate(
+        [
+            share[..., None],
+            share[..., None] * place,
+            (share[..., None, None] * place[..., :, None] * place[..., None, :]).reshape(*place.shape[:2], 9),
+            force,
+            np.cross(place, force),
+        ],
+        axis=2,
+    )  # (T, J, 19)
+    mass, first, second = sums[..., 0], sums[..., 1:4], sums[..., 4:13].reshape(*sums.shape[:2], 3, 3)
+    frames, count = mass.shape
+    vector = weight * now.step_to(prior, turn)
+    vector[:, :3] += sums[:, 0, 13:16]
+    vector[:, 3:] += (sums[..., 16:] - np.cross(joints, sums[..., 13:16])).reshape(frames, -1)
+    lever = -cross_matrix(first - joints * mass[..., None])  # of the root's translation
+    upper, lower = joints[:, one], joints[:, two]
+    products = second[:, two] - lower[..., :, None] * first[:, two][..., None, :]
+    products += (mass[:, two][..., None] * lower - first[:, two])[..., :, None] * upper[..., None, :]
+    block = np.trace(products, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - products
+    matrix = np.zeros((frames, count + 1, 3, count + 1, 3))  # the root's translation goes first
+    matrix[:, 0, :, 0] = mass[:, 0, None, None] * np.eye(3)
+    matrix[:, 0, :, 1:] = np.moveaxis(lever, 1, 2)
+    matrix[:, 1:, :, 0] = np.swapaxes(lever, -1, -2)
+    matrix[:, one + 1, :, two + 1] = np.moveaxis(block, 1, 0)
+    matrix[:, two + 1, :, one + 1] = np.moveaxis(block.mT, 1, 0)
+    square = matrix.reshape(frames, 3 * count + 3, -1)
+    square[:, range(square.shape[1]), range(square.shape[1])] += weight
+    return now.moved(np.linalg.solve(square, vector[..., None])[..., 0], turn)
