@@ -51,6 +51,12 @@ def test_a_message_on_a_phone_does_not_cover_the_body(checked: dict[str, Any]) -
     assert len(checked["covered"]) == 2 and max(checked["covered"]) <= 0  # pixels
 
 
+def test_the_introduction_is_between_header_and_timeline(checked: dict[str, Any]) -> None:
+    assert len(checked["introduced"]) == 5
+    for size, (below_header, above_timeline, height) in checked["introduced"].items():
+        assert min(below_header, above_timeline) >= 0 and height > 250, (size, below_header, above_timeline, height)
+
+
 def test_sources_are_reached_by_keyboard_and_focus_is_visible(checked: dict[str, Any]) -> None:
     reached = [name for name, _ in checked["keyboard"]]
     assert reached[0] == "skip" and {"open-headset", "open-file"} <= set(reached)

@@ -92,6 +92,23 @@ await scenario({ viewport: { width: 320, height: 700 }, colorScheme: "light" }, 
       }),
     );
   }
+  // In windows of any height the introduction is between the header and the timeline.
+  facts.introduced = {};
+  for (const [width, height] of [
+    [900, 560],
+    [1000, 640],
+    [1200, 730],
+    [1280, 800],
+    [1600, 900],
+  ]) {
+    await page.setViewportSize({ width, height });
+    facts.introduced[`${width} x ${height}`] = await page.evaluate(() => {
+      const boxes = ["header", "#intro", "#transport"].map((name) =>
+        document.querySelector(name).getBoundingClientRect(),
+      );
+      return [boxes[1].top - boxes[0].bottom, boxes[2].top - boxes[1].bottom, boxes[1].height];
+    });
+  }
   // The second visit comes from this browser.
   await page.waitForFunction(() => navigator.serviceWorker.controller !== null, null, { polling: 100 });
   facts.fetchedAgain = [];
