@@ -10,6 +10,7 @@
 #include "../src/limbs/feet.h"
 #include "../src/limbs/legs.h"
 #include "../src/limbs/steps.h"
+#include "../src/network/features.h"
 #include "../src/network/network.h"
 #include "../src/person/mounts.h"
 #include "../src/person/person.h"
@@ -698,6 +699,192 @@ static double mount_interval(const bs_model *m) {
     return frames * 0.001;
 }
 
+/* ---- inputs and features ----------------------------------------------------------------------------------------- */
+
+/* The result of a frame with a head alone, and how far it is expected to be off (m). */
+static bs_result one_frame(const bs_model *model, const bs_settings *settings, double x, double size, double accuracy,
+                           double *expected) {
+    static double root[3], rotation[BS_JOINTS][4], points[BS_POINTS][3], confidence[BS_POINTS], bound[BS_POINTS];
+    static double contact[BS_CONTACTS], rest_offset[BS_POINTS][3];
+    static uint8_t measured[BS_POINTS];
+    const int32_t point = HEAD;
+    const uint8_t yes = 1;
+    const double time = 0, position[3] = {x, 1.6, 0}, q[4] = {size, 0, 0, 0};
+    const bs_observation seen = {1, 1, &point, &time, position, q, &yes, &yes, &accuracy, NULL};
+    const bs_estimate out = {root, rotation[0], points[0], measured, confidence, bound, contact, rest_offset[0]};
+    bs_person person = {.height = 1.7, .height_deviation = 0.01};
+    bs_state *state;
+    int refused;
+    const size_t bytes = bs_state_size(model), scratch_bytes = bs_scratch_size(model, 1);
+    void *memory = aligned_alloc(64, (bytes + 63) / 64 * 64), *scratch = aligned_alloc(64, (scratch_bytes + 63) / 64 * 64);
+    if (!memory || !scratch || bs_person_likeliest(model, &person) != BS_OK ||
+        bs_state_start(model, &person, memory, bytes, &state) != BS_OK)
+        exit(1);
+    const bs_result done = bs_step(model, settings, 1, &seen, &state, &out, scratch, scratch_bytes, &refused);
+    if (expected) *expected = confidence[HEAD];
+    free(scratch);
+    free(memory);
+    return done;
+}
+
+static bool refuses(const bs_model *model, double x, double size) {
+    const bs_settings settings = bs_default_settings();
+    return one_frame(model, &settings, x, size, 0.001, NULL) != BS_OK;
+}
+
+static double input_farthest(const bs_model *m) { LEAST(0, 9000, refuses(m, at, 1)); }
+static double input_unit(const bs_model *m) { LEAST(0, 1, refuses(m, 0, 1 + at)); }
+
+static double expected_for(const bs_model *model, double accuracy) {
+    const bs_settings settings = bs_default_settings();
+    double expected = 0;
+    one_frame(model, &settings, 0, 1, accuracy, &expected);
+    return expected;
+}
+
+static double input_finest(const bs_model *m) { return expected_for(m, 1e-7); }
+static double input_coarsest(const bs_model *m) { return expected_for(m, 1e7); }
+
+static bool takes(const bs_model *model, double ease, double first, double longest) {
+    bs_settings settings = bs_default_settings();
+    settings.ease = ease;
+    settings.first = first;
+    settings.longest = longest;
+    return one_frame(model, &settings, 0, 1, 0.001, NULL) == BS_OK;
+}
+
+static double longest_ease(const bs_model *m) { LEAST(1, 90, !takes(m, at, 0.03, 0.1)); }
+static double shortest_interval(const bs_model *m) { LEAST(0, 0.1, takes(m, 0, at, 0.1)); }
+static double longest_interval(const bs_model *m) { LEAST(1, 90, !takes(m, 0, 0.03, at)); }
+
+/* A feature of a head that is 100 m away, was 1 m from there, spins, and is accurate to 1 nm. */
+static double feature(const bs_model *model, size_t place) {
+    static float out[FEATURES_ACCELERATION + 64];
+    static body b;
+    static input_memory last;
+    tracked t = rest_of(model, &b);
+    const int head = 15; /* of `BODY_POINT` */
+    memset(&last, 0, sizeof last);
+    t.position[HEAD] = vec(100, 0, 0);
+    t.has_rotation[HEAD] = true;
+    t.accuracy[HEAD] = 1e-9F;
+    t.deviation[HEAD] = 0.05F;
+    last.cosine = last.had_axes[0] = 1.0F;
+    last.had_place[head] = 1.0F;
+    last.axis[0][0] = vec(9, 9, 9);
+    const reading read = read_person(&t, &last);
+    write_features(model, &t, &read, (head_frame){vec(0, 0, 0), 1, 0}, &last, false, out);
+    const size_t start = place == 2 ? 8 * READ_POINTS + 7 * BODY_JOINTS : place * READ_POINTS + 3 * (size_t)head;
+    if (place == 3) return (double)out[7 * READ_POINTS + head];
+    if (place == 2) return (double)fabsf(out[start]);
+    return sqrt((double)(out[start] * out[start] + out[start + 1] * out[start + 1] + out[start + 2] * out[start + 2]));
+}
+
+static double feature_reach(const bs_model *m) { return feature(m, 0); }
+static double feature_fastest(const bs_model *m) { return feature(m, 4); }
+static double feature_swiftest(const bs_model *m) { return feature(m, 0) - feature(m, 2); } /* as REACH is near */
+static double feature_finest(const bs_model *m) { return feature(m, 3); }
+
+static double reference_head(const bs_model *model) {
+    static body b;
+    const tracked t = rest_of(model, &b);
+    return (double)(standing_height(&t, HEAD) / stature(t.rest_offset));
+}
+
+static double normal_bound(const bs_model *model) {
+    static body b;
+    static prediction p;
+    static float finger[2 * HAND_POINTS], off[BS_POINTS], confidence[BS_POINTS], bound[BS_POINTS];
+    tracked t = rest_of(model, &b);
+    for (int k = 0; k < BODY_POINTS; k++) p.error[k] = 0.05F;
+    for (int j = 0; j < BODY_JOINTS; j++) p.unlike[j] = 0.05F;
+    t.accuracy[HEAD] = 0.01F;
+    expected_errors(model, &t, &p, finger, off, confidence, bound);
+    return (double)(bound[HEAD] / confidence[HEAD]);
+}
+
+/* ---- lengths ----------------------------------------------------------------------------------------------------- */
+
+/* Look at a thigh of 40 cm for `frames` of `interval` s; its ends err by `accuracy` together (m). */
+static proportions measured_thigh(const bs_model *model, int frames, double interval, double accuracy) {
+    static proportions own;
+    static tracked t;
+    bs_person person = {.height = (double)NAN, .height_deviation = 0.01};
+    if (bs_person_likeliest(model, &person) != BS_OK) exit(1);
+    proportions_start(&person, &own);
+    own.elapsed = 1.0;
+    t.has_position[LEFT_HIP] = t.has_position[LEFT_KNEE] = true;
+    t.position[LEFT_KNEE] = vec(0, 0.4012F, 0);
+    t.accuracy[LEFT_HIP] = t.accuracy[LEFT_KNEE] = 0.5F * (float)accuracy;
+    for (int k = 0; k < frames; k++) proportions_step(model, &person, &t, interval, &own);
+    return own;
+}
+
+static double counted(proportions own) {
+    double sum = 0;
+    for (int b = 0; b < BINS; b++) sum += (double)own.seconds[4][b];
+    return sum;
+}
+
+static double length_vague(const bs_model *m) { LEAST(0, 1, counted(measured_thigh(m, 1, 0.2, at)) == 0); }
+static double length_interval(const bs_model *m) { LEAST(0, 1, counted(measured_thigh(m, 1, at, 0.01)) > 0); }
+static double body_interval(const bs_model *m) { LEAST(0.11, 2, measured_thigh(m, 1, at, 0.01).due == 0); }
+
+static double length_bin(const bs_model *m) {
+    const proportions own = measured_thigh(m, 1, 0.2, 0.01);
+    int bin = 0;
+    while (bin < BINS - 1 && own.seconds[4][bin] == 0) bin++;
+    return 0.4012 / (bin + 0.5);
+}
+
+/* ---- more mounts ------------------------------------------------------------------------------------------------- */
+
+/* The mounts after a leg was `excess` (m) longer than its bones: between pelvis and knee, or ankle. `unsure` are the
+ * variances (m²) of a bone and of the pelvis's place. */
+static mounts strapped(double excess, bool ankle, double unsure_bone, double unsure_place) {
+    static mounts own;
+    static tracked t;
+    static bs_person person;
+    const int end = ankle ? LEFT_ANKLE : LEFT_KNEE;
+    memset(&own, 0, sizeof own);
+    memset(&t, 0, sizeof t);
+    memset(&person, 0, sizeof person);
+    person.mount[PELVIS].worn = person.mount[end].worn = 1;
+    for (int k = 0; k < LIMB_BONES; k++) {
+        own.mean[3 * REFINED_JOINTS + k] = 0.4;
+        own.covariance[3 * REFINED_JOINTS + k][3 * REFINED_JOINTS + k] = unsure_bone;
+    }
+    own.covariance[1][1] = unsure_place;
+    t.has_position[PELVIS] = t.has_rotation[PELVIS] = t.has_position[end] = t.has_rotation[end] = true;
+    t.rotation[PELVIS] = t.rotation[end] = identity();
+    t.position[end] = vec(0, -(float)((ankle ? 0.8 : 0.4) + excess), 0);
+    mounts_step(&person, 0.2, &own, &t);
+    return own;
+}
+
+static double thigh_change(mounts own) { return fabs(own.mean[3 * REFINED_JOINTS] - 0.4); }
+static double mount_farthest(const bs_model *m) { (void)m; LEAST(0, 1, thigh_change(strapped(at, false, 1e-8, 0)) == 0); }
+static double mount_most(const bs_model *m) { (void)m; LEAST(0, 1, strapped(at, false, 0, 1).mean[1] == 0); }
+static double mount_bent(const bs_model *m) { (void)m; LEAST(0, 1, thigh_change(strapped(-at, true, 1e-8, 0)) == 0); }
+
+static double mount_short_noise(const bs_model *m) {
+    (void)m;
+    return sqrt(1e-6 * 0.005 / thigh_change(strapped(-0.005, true, 1e-6, 0)));
+}
+
+static double mount_slip(const bs_model *m) {
+    (void)m;
+    return sqrt(strapped(9, false, 1e-12, 0).covariance[3 * REFINED_JOINTS][3 * REFINED_JOINTS] / 0.2);
+}
+
+static double mount_bone_least(const bs_model *m) {
+    static mounts own;
+    static bs_person person;
+    (void)m;
+    mounts_start(&person, &own);
+    return sqrt(own.covariance[3 * REFINED_JOINTS][3 * REFINED_JOINTS]);
+}
+
 /* ---- the table --------------------------------------------------------------------------------------------------- */
 
 static const struct tuned {
@@ -791,4 +978,27 @@ static const struct tuned {
     {"HEIGHT_CONTRADICTED", 1.9, height_contradicted},
     {"MOUNT_HALF_LIFE", 2, mount_half_life},
     {"MOUNT_INTERVAL", 0.1, mount_interval},
+    {"INPUT_FARTHEST", 1000, input_farthest},
+    {"INPUT_UNIT", 0.01, input_unit},
+    {"INPUT_FINEST", 1e-4, input_finest},
+    {"INPUT_COARSEST", 1000, input_coarsest},
+    {"SETTING_LONGEST_EASE", 10, longest_ease},
+    {"SETTING_SHORTEST_INTERVAL", 1e-4, shortest_interval},
+    {"SETTING_LONGEST_INTERVAL", 10, longest_interval},
+    {"FEATURE_REACH", 16, feature_reach},
+    {"FEATURE_FASTEST", 5, feature_fastest},
+    {"FEATURE_SWIFTEST", 1, feature_swiftest},
+    {"FEATURE_FINEST", -1, feature_finest},
+    {"REFERENCE_HEAD", 1.5, reference_head},
+    {"NORMAL_BOUND", 1.567, normal_bound},
+    {"LENGTH_VAGUE", 0.06, length_vague},
+    {"LENGTH_INTERVAL", 0.1, length_interval},
+    {"LENGTH_BIN", 0.005, length_bin},
+    {"BODY_INTERVAL", 0.5, body_interval},
+    {"MOUNT_NOISE MOUNT_FARTHEST", 0.04, mount_farthest},
+    {"MOUNT_MOST", 0.05, mount_most},
+    {"MOUNT_BENT", 0.01, mount_bent},
+    {"MOUNT_SHORT_NOISE", 0.1, mount_short_noise},
+    {"MOUNT_SLIP", 1e-4, mount_slip},
+    {"MOUNT_BONE_LEAST", 0.001, mount_bone_least},
 };
