@@ -11,7 +11,7 @@ from bodysense import __version__
 from bodysense.errors import BodysenseError, missing_package
 
 # Commands whose products of matrices are small: threads of NumPy's BLAS would wait for each other longer than they
-# work, above all beside other programs, and twice as many for each of --jobs.
+# work, above all next to other programs, and each of --jobs would have its own.
 _SMALL_PRODUCTS = ("check", "convert", "demo", "repair", "track")
 
 
