@@ -39,7 +39,7 @@ int main(int count, char **arguments) {
     const bs_model *model;
     check(bs_model_open(file, fread(file, 1, sizeof file, weights), opened, sizeof opened, &model));
 
-    static bs_person person = {.height_deviation = 0.001};
+    static bs_person person = {.height_deviation = 0.025};
     person.height = count > 3 ? atof(arguments[3]) : NAN;
     check(bs_person_likeliest(model, &person));
     bs_state *state;

@@ -2,7 +2,7 @@
  *
  * Numbers were chosen by hand, unless a comment says what they were fitted on, and what other values gave. Rates and
  * spans are in seconds, so that results hardly depend on the rate of frames. A change of any of them changes the golden
- * run (`make golden`); core/test/tuned.h measures what each does.
+ * run (`make golden`); core/test/tuned.h measures what they do.
  *
  * Not here: sizes of arrays, versions and bits (whole numbers), guards against division by zero (1e-6 and the like),
  * mathematical constants (base/maths.h). */

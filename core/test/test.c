@@ -15,6 +15,7 @@
 #include "../src/base/kinematics.h"
 #include "golden.h"
 #include "random_model.h"
+#include "tuned.h"
 
 #define FRAMES 60
 #define DRAWS 60
@@ -22,6 +23,7 @@
 #define MODEL_SEED 7
 #define MET 0.002   /* m; a wrist that bones can reach is as near to its measured place */
 #define SINK 0.0005 /* m; the last correction of a foot turns it a little */
+#define TUNED_BAND 0.2 /* a number that is halved or doubled changes its measure by more */
 #define HINGE 0.02  /* of the length of a shin; a straight leg may bend backward by a degree */
 
 static int failures, failures_before; /* before this test */
@@ -400,6 +402,14 @@ static void every_kernel_gives_the_golden_run(const char *file, size_t bytes) {
     }
 }
 
+/* A tuned number that is halved, doubled or removed changes what it does. */
+static void tuned_numbers_do_what_they_say(const bs_model *model) {
+    for (size_t k = 0; k < sizeof TUNED / sizeof *TUNED; k++) {
+        const double value = TUNED[k].measured(model);
+        expect(fabs(value / TUNED[k].value - 1.0) < TUNED_BAND, TUNED[k].name, (int)k, 0, value);
+    }
+}
+
 /* Own functions are as exact as the library's. */
 static void functions_are_exact(void) {
     source_of_numbers from = {13};
@@ -446,6 +456,7 @@ static void run_tests(const bs_model *model, const char *file, size_t bytes, con
     if (begins("a_state_is_its_bytes", filter)) a_state_is_its_bytes(model);
     if (begins("a_batch_equals_each_alone", filter)) a_batch_equals_each_alone(model);
     if (begins("every_kernel_gives_the_golden_run", filter)) every_kernel_gives_the_golden_run(file, bytes);
+    if (begins("tuned_numbers_do_what_they_say", filter)) tuned_numbers_do_what_they_say(model);
     if (begins("functions_are_exact", filter)) functions_are_exact();
     printf("%d tests on kernel %s, %d failures\n", ran, bs_model_kernel(model), failures);
 }

@@ -77,7 +77,7 @@ class Body {
     bs_result start(const Model &model, double height = NAN) {
         bs_person person{};
         person.height = height;
-        person.height_deviation = 0.001;
+        person.height_deviation = 0.025;
         const bs_result likeliest = bs_person_likeliest(model.get(), &person);
         if (likeliest != BS_OK) return likeliest;
         model_ = model.get();

@@ -138,7 +138,7 @@ static uint8_t start(Body *body, const uint8_t *file, size_t bytes, double heigh
     result = person && memory && body->scratch ? BS_OK : BS_MEMORY_SMALL;
     if (result == BS_OK) {
         person->height = height > 0 ? height : NAN;
-        person->height_deviation = 0.001;
+        person->height_deviation = 0.025;
         result = bs_person_likeliest(body->model, person);
     }
     if (result == BS_OK) result = bs_state_start(body->model, person, memory, size, &body->state);

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,7 @@ from types import ModuleType
 import pytest
 
 import bodysense as bs
+from bodysense import cli
 from bodysense.cli import main
 from bodysense.errors import SOURCES, how_to_install, missing_package
 from bodysense.io.clip import Clip
@@ -32,6 +34,29 @@ def without(source: str, folder: Path, *arguments: str) -> subprocess.CompletedP
     return subprocess.run(
         [sys.executable, "-c", code, *arguments], cwd=folder, capture_output=True, text=True, timeout=300, check=False
     )
+
+
+@pytest.mark.parametrize(
+    ("command", "given", "threads"),
+    [("track", None, "1"), ("--quiet track", None, "1"), ("track", "4", "4"), ("train", None, None), ("", None, None)],
+)
+def test_takes_are_done_by_one_thread(
+    command: str, given: str | None, threads: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before NumPy is imported; the user's own number is kept."""
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", given or "")
+    if given is None:
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS")
+    monkeypatch.setattr(sys, "argv", ["bodysense", *command.split()])
+    monkeypatch.setattr(cli, "main", lambda: 0)
+    with pytest.raises(SystemExit):
+        cli.entry_point()
+    assert os.environ.get("OPENBLAS_NUM_THREADS") == threads
+
+
+def test_numpy_is_not_imported_before_the_command_runs() -> None:
+    code = "import sys, bodysense.cli; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 0
 
 
 @pytest.mark.parametrize(

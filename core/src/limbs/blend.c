@@ -5,7 +5,7 @@
 #include "../constants.h"
 
 /* The group of each joint of the body. */
-const signed char GROUP[BODY_JOINTS] = {
+const signed char JOINT_GROUP[BODY_JOINTS] = {
     TRUNK, LEFT_LEG, RIGHT_LEG, TRUNK, LEFT_LEG, RIGHT_LEG, TRUNK, LEFT_LEG, RIGHT_LEG, TRUNK, LEFT_LEG, RIGHT_LEG,
     TRUNK, TRUNK, TRUNK, TRUNK, LEFT_ARM, RIGHT_ARM, LEFT_ARM, RIGHT_ARM, LEFT_ARM, RIGHT_ARM,
 };
@@ -16,7 +16,7 @@ void find_changes(const tracked *t, const pose_state *s, bool changed[GROUPS]) {
     for (int j = 0; j < BODY_JOINTS; j++) {
         bool came = t->has_position[j] != (s->had_position[j] != 0);
         bool turned = known_rotation(t, j) != (s->had_rotation[j] != 0) && j != LEFT_WRIST && j != RIGHT_WRIST;
-        if (came || turned) changed[GROUP[j]] = true;
+        if (came || turned) changed[JOINT_GROUP[j]] = true;
     }
     if (t->has_position[LEFT_TOE] != (s->had_position[LEFT_TOE] != 0)) changed[LEFT_LEG] = true;
     if (t->has_position[RIGHT_TOE] != (s->had_position[RIGHT_TOE] != 0)) changed[RIGHT_LEG] = true;

@@ -7,7 +7,7 @@
 enum { TRUNK = LIMBS, GROUPS }; /* the limbs, and the trunk with the head */
 
 /* The group of each joint of the body. */
-extern const signed char GROUP[BODY_JOINTS];
+extern const signed char JOINT_GROUP[BODY_JOINTS];
 
 /* Which groups have a sensor that came or went. Fingers are in none. */
 void find_changes(const tracked *t, const pose_state *s, bool changed[GROUPS]);

@@ -86,7 +86,7 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
     for (int j = 0; j < BODY_JOINTS; j++) {
         bool known = known_rotation(t, j), came = begun && known != (s->had_rotation[j] != 0);
         bool wrist = j == LEFT_WRIST || j == RIGHT_WRIST;
-        bool breaks = wrist ? came && known : came || (changed[GROUP[j]] && !known);
+        bool breaks = wrist ? came && known : came || (changed[JOINT_GROUP[j]] && !known);
         breaks |= begun && !known && redirected(t, s, j);
         float span = known || t->at_once ? (float)settings->ease : BLEND;
         out->rotation[j] = eased_turn(&s->turn[j], goal[j], s->rotation[j], s->spin[j], interval, breaks, span);

@@ -45,7 +45,7 @@ namespace BodySense
                 memory = first;
                 model = opened;
             }
-            var person = new BsPerson { height = height, height_deviation = 0.001, length = new BsLength[32], mount = new BsMount[52] };
+            var person = new BsPerson { height = height, height_deviation = 0.025, length = new BsLength[32], mount = new BsMount[52] };
             Check(Native.bs_person_likeliest(model, ref person));
             var stateSize = Native.bs_state_size(model);
             scratchSize = Native.bs_scratch_size(model, 1);

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import errno
+import os
 import sys
 from collections.abc import Sequence
 
 from bodysense import __version__
 from bodysense.errors import BodysenseError, missing_package
+
+# Commands whose products of matrices are small: threads of NumPy's BLAS would wait for each other longer than they
+# work, above all next to other programs, and each of --jobs would have its own.
+_SMALL_PRODUCTS = ("check", "convert", "demo", "repair", "track")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -66,4 +71,7 @@ def _description() -> str:
 
 def entry_point() -> None:
     """Run the command line as the installed script does."""
+    command = next((word for word in sys.argv[1:] if not word.startswith("-")), None)
+    if command in _SMALL_PRODUCTS:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # is read when NumPy is imported
     sys.exit(main())

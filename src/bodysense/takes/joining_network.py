@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -162,6 +162,12 @@ class JoiningNetwork:
     tensors: Mapping[str, Array]  # float32
     card: dict[str, Any]  # the file's metadata
 
+    @cached_property
+    def _kernels(self) -> list[list[Array]]:
+        """Matrices (inputs, outputs) of the three taps of each convolution. Products with slices would copy them."""
+        kernels = [self.tensors[f"convolutions.{block}.weight"] for block in range(len(DILATIONS))]
+        return [[np.ascontiguousarray(kernel[..., tap].T) for tap in range(3)] for kernel in kernels]
+
     def __call__(self, passes: PassPair) -> Joining:
         """Return the weights and errors for both passes.
 
@@ -211,9 +217,9 @@ class JoiningNetwork:
         hidden = read @ given["inward.weight"].T + given["inward.bias"]
         for block, dilation in enumerate(DILATIONS):
             taps = np.pad(hidden, ((dilation, dilation), (0, 0)))
-            kernel = given[f"convolutions.{block}.weight"]
             bent = given[f"convolutions.{block}.bias"] + sum(
-                taps[tap * dilation : tap * dilation + len(hidden)] @ kernel[..., tap].T for tap in range(3)
+                taps[tap * dilation : tap * dilation + len(hidden)] @ kernel
+                for tap, kernel in enumerate(self._kernels[block])
             )
             hidden = hidden + _silu(bent) @ given[f"mixing.{block}.weight"].T + given[f"mixing.{block}.bias"]
         return _silu(hidden) @ given["outward.weight"].T + given["outward.bias"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,6 +30,11 @@ NEEDED = ["pelvis", "head"] + [
 ]
 
 
+def every(step: int, names: Sequence[str]) -> list[object]:
+    """Return names of layouts as parameters; all but each `step`-th one are slow."""
+    return [pytest.param(name, marks=[pytest.mark.slow] if k % step else []) for k, name in enumerate(names)]
+
+
 def of(text: str, name: str = "take.bvh", **options) -> Rigged:
     return read_rigged(text.encode(), Path(name), ReadingOptions(**options))
 
@@ -42,7 +48,7 @@ def worst(rigged: Rigged, clip: Clip, layout: Layout) -> float:
     return float(np.linalg.norm(found - forward_kinematics(clip.pose)[0][:, ours], axis=-1).max())
 
 
-@pytest.mark.parametrize("name", EVERY)
+@pytest.mark.parametrize("name", every(3, list(EVERY)))
 def test_a_rig_is_read_without_options(name: str) -> None:
     layout = EVERY[name]
     clip = held_still(motion(10, 60), layout)
@@ -76,7 +82,7 @@ WORLDS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [*LAYOUTS, *list(MORE | FURTHER)[::3]])
+@pytest.mark.parametrize("name", every(4, [*LAYOUTS, *list(MORE | FURTHER)[::3]]))
 def test_wrong_worlds_are_corrected_or_refused(name: str) -> None:
     layout = EVERY[name]
     clip = held_still(motion(12, 50), layout)
@@ -146,7 +152,7 @@ def renamed(bones: Bones, rng: random.Random) -> tuple[Bones, dict[str, str]]:
     return [(new[bones[0][0]], "-", bones[0][2]), *rest], new
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("name", every(3, list(LAYOUTS)))
 def test_a_body_is_recognised_by_structure_alone(name: str) -> None:
     layout = LAYOUTS[name]
     bones, _ = renamed(layout.bones, random.Random(name))

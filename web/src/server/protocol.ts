@@ -18,7 +18,7 @@ export type Region = "torso" | "head" | "arms" | "fingers" | "legs";
 
 export type Posture = "standing" | "seated";
 
-export type Source = "replay" | "vmc" | "markers" | "vmt" | "vrchat" | "slimevr" | "solarxr";
+export type Source = "replay" | "vmc" | "markers" | "vmt" | "vrchat" | "slimevr" | "solarxr" | "camera";
 
 /** Settings of one session. A client may change each at any time. */
 export interface Settings {

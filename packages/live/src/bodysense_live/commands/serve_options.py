@@ -70,6 +70,10 @@ class InputOptions:
     """UDP port for headset, controllers and trackers by VMC (usually 39539)"""
     markers_in: Port | None = None
     """UDP port for markers of gloves by OSC (usually 9123)"""
+    camera: int | None = None
+    """index of a webcam of this machine, 0 for the first: body, hands and fingers (docs/video.md)"""
+    landmarkers: Path | None = None
+    """folder with MediaPipe's models for --camera, in place of the cache"""
     markers: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
     """server of markers: natnet://HOST (OptiTrack), qtm://HOST (Qualisys) or vicon://HOST (docs/serve.md)"""
     names: Path | None = None

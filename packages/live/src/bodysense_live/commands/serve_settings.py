@@ -28,6 +28,7 @@ from bodysense_live.commands.serve_options import (
     ProgramOptions,
     WearerOptions,
 )
+from bodysense_live.protocols.camera_link import CameraSettings
 from bodysense_live.protocols.datagrams import Receiver
 from bodysense_live.protocols.markers.marker_link import MarkerServer, parsed_address
 from bodysense_live.protocols.markers.marker_log import check_log
@@ -67,6 +68,10 @@ def settings_of(
     sends = bool(to.vmc_out or to.vrchat_out or to.vrchat or to.vmt or to.solarxr or to.robot)
     if load.workers > 1 and (receives or sends or to.slimevr):
         raise BodysenseError("--workers: UDP needs a single process; leave --workers out")
+    if load.workers > 1 and inputs.camera is not None:
+        raise BodysenseError("--workers: --camera needs a single process; leave --workers out")
+    if inputs.landmarkers is not None and inputs.camera is None:
+        raise BodysenseError(f"--landmarkers {inputs.landmarkers}: is for a webcam; give --camera, too")
     if load.workers > 1 and inputs.markers is not None:
         raise BodysenseError("--workers: --markers needs a single process; leave --workers out")
     devices, joints = named_of(inputs.device_names, inputs.vmc_in is not None or to.vmt, to.slimevr)
@@ -93,6 +98,7 @@ def settings_of(
         shared=shared_of(load),
         vmc_in=inputs.vmc_in,
         vmc_trackers=VmcTrackers(devices),
+        camera=None if inputs.camera is None else CameraSettings(inputs.camera, inputs.landmarkers),
         markers_in=inputs.markers_in,
         markers=marker_server_of(inputs, reading),
         glove_set=glove_set_of(inputs.marker_set, inputs.markers_in is not None or inputs.markers is not None, person),

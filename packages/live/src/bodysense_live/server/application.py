@@ -16,6 +16,7 @@ from typing import Any
 
 from bodysense.errors import missing_package
 from bodysense.io.formats.protocol import SUBPROTOCOL
+from bodysense_live.protocols.camera_link import CameraLink
 from bodysense_live.protocols.datagrams import InputLink, MarkerInput, PoseSender, marker_points
 from bodysense_live.protocols.links import DeviceInput, Link, UdpPort
 from bodysense_live.protocols.markers.marker_link import MarkerLink
@@ -128,6 +129,8 @@ def links_of(settings: ServerSettings, metrics: Metrics) -> list[Link]:
             links.append(PoseSender(settings.receivers, metrics))
         if settings.robot is not None:
             links.append(RobotLink(settings.robot, metrics))
+        if settings.camera is not None:
+            links.append(CameraLink(settings.camera, settings.person.skeleton))
         if settings.vmt is not None:
             links.append(VmtLink(settings.vmt, metrics, *with_sensors(VmtReader(settings.vmt.devices), SIGNALS)))
         if settings.vrchat is not None:

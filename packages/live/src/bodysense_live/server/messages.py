@@ -11,7 +11,7 @@ from bodysense.io.formats.protocol import MOST_POINTS, VERSION
 
 Region = Literal["torso", "head", "arms", "fingers", "legs"]
 Posture = Literal["standing", "seated"]
-Source = Literal["replay", "vmc", "markers", "vmt", "vrchat", "slimevr", "solarxr"]
+Source = Literal["replay", "vmc", "markers", "vmt", "vrchat", "slimevr", "solarxr", "camera"]
 REGIONS: tuple[Region, ...] = get_args(Region)
 LONGEST_NAME = 64  # characters
 LONGEST_HALF_LIFE = 0.5  # s, of smoothing

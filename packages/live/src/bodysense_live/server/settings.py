@@ -8,6 +8,7 @@ from pathlib import Path
 
 from bodysense.body.hands.glove_set import GloveSet, standard_set
 from bodysense.body.person import Person
+from bodysense_live.protocols.camera_link import CameraSettings
 from bodysense_live.protocols.datagrams import Receiver
 from bodysense_live.protocols.markers.marker_link import MarkerServer
 from bodysense_live.protocols.robots.robot_link import RobotSettings
@@ -46,3 +47,4 @@ class ServerSettings:
     slimevr: SlimevrSettings | None = None
     robot: RobotSettings | None = None
     solarxr: SolarxrSettings | None = None
+    camera: CameraSettings | None = None

@@ -1,0 +1,123 @@
+"""A webcam of the server's machine: its person goes to avatars, and a webcam that is taken away comes back."""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Generator
+
+import numpy as np
+import pytest
+
+from bodysense.body.pose import forward_kinematics, standing_pose
+from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.devices.video.device import POINTS
+from bodysense.devices.video.pictures import VideoBrokenError
+from bodysense.errors import BodysenseError
+from bodysense.geometry.rotation import quaternion_exp
+from bodysense.io.formats.osc import read_packet
+from bodysense.observing.observation import Observation
+from bodysense_live.protocols import camera_link
+from bodysense_live.protocols.camera_link import CameraSettings
+from bodysense_live.protocols.datagrams import Receiver
+from bodysense_live.server.settings import ServerSettings
+
+from ..conftest import Connecting, Serving
+
+SKELETON = default_skeleton()
+RATE = 30.0  # Hz
+CURL = 0.8  # rad, of each joint of the left fingers
+
+
+def before_the_camera(curl: float) -> Observation:
+    """A person who stands, with curled left fingers; `POINTS` of one frame."""
+    pose = standing_pose(SKELETON)
+    curled = quaternion_exp(np.array([0.0, 0.0, -curl]))
+    for k, name in enumerate(SKELETON.joints):
+        if name.startswith("left_") and name[-1] in "123" and "thumb" not in name:
+            pose.rotation[k] = curled
+    position, rotation = (np.asarray(part) for part in forward_kinematics(pose))
+    where = SKELETON.indices(POINTS)
+    placed = np.array([name in ("head", "left_shoulder", "right_shoulder") or "ankle" in name for name in POINTS])
+    turned = np.array([k < len(SKELETON.joints) for k in where])
+    rows = np.full((len(POINTS), 4), np.nan)
+    rows[turned] = rotation[np.array(where)[turned]]
+    return Observation(
+        points=POINTS,
+        position=np.where(placed[:, None], position[where], np.nan)[None],
+        rotation=rows[None],
+        has_position=placed[None],
+        has_rotation=turned[None],
+        accuracy=np.full((1, len(POINTS)), 0.05),
+        time=np.zeros(1),
+    )
+
+
+class Webcam:
+    """A webcam that shows a person for some pictures, is taken away, and comes back."""
+
+    def __init__(self, pictures: int) -> None:
+        self.pictures, self.opened = pictures, 0
+
+    def frames(self, settings: CameraSettings, skeleton: Skeleton) -> Generator[Observation, None, None]:
+        self.opened += 1
+        if self.opened == 2:
+            raise BodysenseError("webcam 0: not found, or used by another program; give another index or a file")
+        for _ in range(self.pictures):
+            yield before_the_camera(CURL)
+            time.sleep(1 / RATE)
+        raise VideoBrokenError("webcam 0: no more pictures; those before were used")
+
+
+@pytest.fixture
+def webcam(monkeypatch: pytest.MonkeyPatch) -> Webcam:
+    found = Webcam(60)
+    monkeypatch.setattr(camera_link, "camera_frames", found.frames)
+    monkeypatch.setattr(camera_link, "RETRY", 0.05)
+    return found
+
+
+def finger_turn(packet: bytes) -> float | None:
+    """The angle (rad) of the left index finger's first joint in a packet of VMC; None if it is not in it."""
+    messages = read_packet(packet)
+    assert not isinstance(messages, str)
+    for message in messages:
+        if message.address == "/VMC/Ext/Bone/Pos" and message.arguments[0] == "LeftIndexProximal":
+            w = message.arguments[7]
+            assert isinstance(w, float)
+            return 2 * float(np.arccos(min(abs(w), 1.0)))
+    return None
+
+
+def test_fingers_go_to_avatars_and_a_webcam_comes_back(
+    server_of: Serving, webcam: Webcam, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as avatar:
+        avatar.bind(("127.0.0.1", 0))
+        avatar.settimeout(20)
+        receiver = Receiver("vmc", "127.0.0.1", avatar.getsockname()[1])
+        server_of(ServerSettings(camera=CameraSettings(0), receivers=(receiver,)))
+        until, turned = time.monotonic() + 30, 0.0
+        while (webcam.opened < 3 or turned < 0.6) and time.monotonic() < until:
+            found = finger_turn(avatar.recv(65536))
+            turned = turned if found is None else found
+        assert webcam.opened >= 3 and turned == pytest.approx(CURL, abs=0.2)
+    told = capfd.readouterr().out
+    assert "webcam 0: a person is seen" in told
+    assert "webcam 0: no more pictures; it is opened again when it comes back" in told
+    assert "give another index or a file; it is opened again" in told
+
+
+def test_a_page_watches_the_webcam(server_of: Serving, connect: Connecting, webcam: Webcam) -> None:
+    client = connect(server_of(ServerSettings(camera=CameraSettings(0))), points=(), watch="camera")
+    assert client.pose().hidden[SKELETON.index("head")] < 0.5
+
+
+def test_a_webcam_that_cannot_be_opened_is_an_error_at_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
+    def none(settings: CameraSettings, skeleton: Skeleton) -> Generator[Observation, None, None]:
+        raise BodysenseError("webcam 7: not found")
+        yield before_the_camera(0.0)
+
+    monkeypatch.setattr(camera_link, "camera_frames", none)
+    with pytest.raises(BodysenseError, match="webcam 7: not found"):
+        camera_link.CameraLink(CameraSettings(7), SKELETON)
