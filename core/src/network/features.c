@@ -101,7 +101,7 @@ void write_features(const bs_model *model, const tracked *seen, const reading *r
     for (int k = 0; k < READ_POINTS; k++) {
         const int s = source[k];
         const vec3 displacement = sub(read->place[s], last->place[s]);
-        const vec3 v = limited(scale(to_frame(frame, displacement), smaller * rate), FEATURE_FASTEST);
+        const vec3 v = clamped(scale(to_frame(frame, displacement), smaller * rate), FEATURE_FASTEST);
         out = put(out, !read->has_place[s] || last->had_place[s] < 0.5F ? none : mirrored ? reflected(v) : v);
     }
     for (int k = 0; k < READ_POINTS; k++) {
@@ -121,8 +121,8 @@ void write_features(const bs_model *model, const tracked *seen, const reading *r
         const int s = mirrored && k ? SPINNING - k : k, joint = SPINNING_JOINT[s];
         const vec3 dx = sub(seen->rotation[joint].x, last->axis[s][0]);
         const vec3 dy = sub(seen->rotation[joint].y, last->axis[s][1]);
-        const vec3 x = limited(scale(to_frame(frame, dx), rate), FEATURE_SWIFTEST);
-        const vec3 y = limited(scale(to_frame(frame, dy), rate), FEATURE_SWIFTEST);
+        const vec3 x = clamped(scale(to_frame(frame, dx), rate), FEATURE_SWIFTEST);
+        const vec3 y = clamped(scale(to_frame(frame, dy), rate), FEATURE_SWIFTEST);
         if (!read->has_axes[joint] || last->had_axes[s] < 0.5F) out = put_axes(out, none, none);
         else out = mirrored ? put_axes(out, scale(reflected(x), -1), reflected(y)) : put_axes(out, x, y);
     }
@@ -138,7 +138,7 @@ void write_features(const bs_model *model, const tracked *seen, const reading *r
     if (model->features >= FEATURES_ACCELERATION) {
         for (int k = 0; k < STRAPPED_JOINTS; k++) {
             const int joint = mirrored ? PARTNER[STRAPPED[k]] : STRAPPED[k];
-            const vec3 felt = limited(scale(to_frame(frame, seen->acceleration[joint]), smaller), FEATURE_STRONGEST);
+            const vec3 felt = clamped(scale(to_frame(frame, seen->acceleration[joint]), smaller), FEATURE_STRONGEST);
             const vec3 v = scale(felt, FEATURE_ACCELERATION_SCALE);
             out = put(out, !seen->has_acceleration[joint] ? none : mirrored ? reflected(v) : v);
         }

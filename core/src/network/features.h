@@ -54,7 +54,7 @@ static inline vec3 from_frame(head_frame f, vec3 v) {
 
 static inline vec3 reflected(vec3 v) { return vec(-v.x, v.y, v.z); }
 
-static inline vec3 limited(vec3 v, float most) {
+static inline vec3 clamped(vec3 v, float most) {
     return vec(clamp(v.x, -most, most), clamp(v.y, -most, most), clamp(v.z, -most, most));
 }
 

@@ -52,8 +52,8 @@ static void write_hand(const bs_model *m, const tracked *seen, head_frame frame,
     }
     const vec3 velocity = scale(sub(now->point[wrist], last->wrist[hand]), last->begun / seen->interval);
     const vec3 place = to_frame(frame, sub(now->point[wrist], now->point[HEAD]));
-    out = put(out, flipped(limited(place, HAND_FASTEST), hand));
-    out = put(out, flipped(limited(to_frame(frame, velocity), HAND_FASTEST), hand));
+    out = put(out, flipped(clamped(place, HAND_FASTEST), hand));
+    out = put(out, flipped(clamped(to_frame(frame, velocity), HAND_FASTEST), hand));
     out = put_axes(out, scale(flipped(to_frame(frame, turn.x), hand), x_sign), flipped(to_frame(frame, turn.y), hand));
     *out = USUAL_RATE * last->elapsed;
 }

@@ -1,7 +1,7 @@
 """Body: the joints of a tree that match ours. Names give legs and arms; pelvis, spine, neck and head follow from these.
 
-If names do not give them, `io.rigs.structure` finds legs and arms; the rest is the same. Lengths are medians
-over frames, so neither the rest pose nor a stretching bone matters.
+If names do not give them, `io.rigs.structure` finds legs and arms, and feet and knees give left and right; the rest is
+the same. Lengths are medians over frames, so neither the rest pose nor a stretching bone matters.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ from bodysense.body.hands.hand import FINGERS
 from bodysense.errors import BodysenseError
 from bodysense.io.fingers import is_finger
 from bodysense.io.rigs.figure import Tree, usual_length
+from bodysense.io.rigs.hand_chains import fingers_of
 from bodysense.io.rigs.names import is_animal, is_end, is_helper, joints_of, spread
 
 Kind = Literal["leg", "arm"]
@@ -30,6 +31,7 @@ ALIKE = 0.25  # share by which the bones of a left and a right limb may differ
 ASIDE = 0.1  # of a branch's length, by which ends and helpers count as shorter
 _HIGH_HUB = 0.3  # of the distance to the shoulders: a joint this far from the hips is not a pelvis
 _NEAR_HIPS = 0.45  # of a leg's length: a joint farther from the hips is not a pelvis
+_GUESS = 0.4  # of 6: below it, missing feet and straight knees do not decide left and right
 _ZERO = 0.01  # of a leg's length: closer points coincide
 
 # Usual ratios of a body and the standard deviations of their logarithms: legs to arms, trunk to legs.
@@ -288,9 +290,7 @@ def body_of(limbs: Limbs, named: Mapping[str, int], penalty: float) -> Body:
     leg, arm = limbs.leg, limbs.arm
     left_leg, left_arm, remarks = int(leg.side < 0), int(arm.side < 0), ()
     if not (leg.side and arm.side):
-        from bodysense.io.rigs.structure import left_of
-
-        left_leg, left_arm, remarks = left_of(limbs)
+        left_leg, left_arm, remarks = _left_of(limbs)
     zero = _ZERO * leg.length
     spine, pelvis, neck = _spine_of(limbs, zero)
     points: dict[str, int] = {"pelvis": pelvis}
@@ -310,6 +310,38 @@ def body_of(limbs: Limbs, named: Mapping[str, int], penalty: float) -> Body:
         raise BodysenseError(NO_BODY)
     gone = [name for name in sited if not name.endswith(("head", "wrist", "ankle"))]
     return Body({name: k for name, k in points.items() if name not in gone}, penalty, remarks)
+
+
+def _left_of(limbs: Limbs) -> tuple[int, int, tuple[str, ...]]:
+    """Return the index of the left leg and of the left arm, and remarks."""
+    leg, arm = limbs.leg, limbs.arm
+    if leg.side and arm.side:
+        return int(leg.side < 0), int(arm.side < 0), ()
+    crossed = float(cosine(leg.across, arm.across).mean()) < 0
+    seen = _anatomical(limbs)
+    named = leg.side or (-arm.side if crossed else arm.side)
+    remarks: tuple[str, ...] = ()
+    if named and abs(seen) > 1 and (named > 0) != (seen > 0):
+        remarks = ("left and right are as its names say, though its feet point backward",)
+    elif not named and abs(seen) < _GUESS:
+        remarks = ("which side is left is a guess: no name, foot or knee decides",)
+    left_leg = int(named < 0 if named else seen <= 0)
+    return left_leg, 1 - left_leg if crossed else left_leg, remarks
+
+
+def _anatomical(limbs: Limbs) -> float:
+    """Return the confidence, 0 to 6, that by feet and knees the first leg is the left one; negative: the right one."""
+    tree, leg = limbs.tree, limbs.leg
+    votes = np.zeros(len(limbs.trunk))
+    for which in (0, 1):
+        hip, knee, ankle = (tree.place[:, k] for k in leg.joints[which])
+        toes = [k for k in leg.after(which) if tree.distance(k, leg.joints[which][2]) > 0.1 * leg.lengths[1]]
+        if toes:  # feet point forward, perpendicular to the shin
+            votes += 2 * cosine(np.cross(knee - ankle, tree.place[:, toes[-1]] - ankle), leg.across)
+        bend = knee - (hip + ankle) / 2
+        bent = np.linalg.norm(bend, axis=-1) / leg.length
+        votes += np.minimum(10 * bent, 1.0) * cosine(np.cross(limbs.trunk, bend), leg.across)
+    return float(votes.mean())
 
 
 def _collar_of(arm: Limb, which: int) -> dict[str, int]:
@@ -346,8 +378,6 @@ def _fingers_of(tree: Tree, side: str, wrist: int, named: Mapping[str, int]) -> 
         return {name: k for name, k in found.items() if not name.endswith("_tip") or tree.length[k] > 0}
     if not any(tree.reach[k] > 0 for k in figure.children[wrist]):
         return {}
-    from bodysense.io.rigs.structure import fingers_of
-
     return {f"{side}_{part}": point for part, point in fingers_of(tree, wrist).items()}
 
 

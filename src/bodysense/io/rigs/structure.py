@@ -1,13 +1,11 @@
 """Structure: the body in a tree without useful names, found by tree shape, symmetry, lengths and directions.
 
 A limb is a pair of chains that mirror each other, whose lengths and bends are those of a leg or an arm. Names count as
-evidence, and half a body is one by names alone. Without names, feet and knees give left and right, and positions
-identify fingers.
+evidence, and half a body is one by names alone.
 """
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -28,7 +26,6 @@ from bodysense.io.rigs.body import (
     Limbs,
     Pair,
     body_of,
-    cosine,
     named_limb,
     named_points,
     stands_on_arms,
@@ -39,7 +36,6 @@ from bodysense.io.rigs.names import every_part, first_is_left, is_animal, is_hel
 
 _CANDIDATES = 24  # legs and arms that are combined
 _WITH_HEAD = 8  # best combinations that are searched for a head
-_GUESS = 0.4  # of 6: below it, missing feet and straight knees do not decide left and right
 _OF: dict[Kind, tuple[str, ...]] = {  # points of a limb
     "leg": ("hip", "knee", "ankle", "foot", "toe"),
     "arm": ("collar", "shoulder", "elbow", "wrist", *FINGERS),
@@ -56,9 +52,6 @@ _NARROWEST: dict[Kind, float] = {"leg": 0.08, "arm": 0.3}  # of a limb's length:
 _RATIO: dict[Kind, tuple[float, float]] = {"leg": (1.0, 0.25), "arm": (1.05, 0.3)}  # upper to lower bone; log deviation
 _BEFORE: dict[Kind, tuple[float, float]] = {"leg": (0.6, 4.0), "arm": (1.2, 3.0)}  # of the upper bone: limit; weight
 _AFTER: dict[Kind, float] = {"leg": 0.8, "arm": 1.2}  # of the lower bone: longest chain after it
-_METACARPAL = 0.75  # of the next bone: a first joint closer to the wrist is inside the palm
-_MOST = 8  # most chains of a hand
-_HELD = 2.0  # longer than most chains below a wrist by this factor: an object in the hand
 
 
 def searched_body(tree: Tree) -> Body:
@@ -251,116 +244,3 @@ def _more_limbs(pairs: list[tuple[int, Pair]], limbs: Sequence[Limb], hubs: set[
         if sum(tree.length[k] for k in chains[0]) > (skirt if hub == first.hub else limb):
             return chains
     return None
-
-
-def left_of(limbs: Limbs) -> tuple[int, int, tuple[str, ...]]:
-    """Return the index of the left leg and of the left arm, and remarks."""
-    leg, arm = limbs.leg, limbs.arm
-    if leg.side and arm.side:
-        return int(leg.side < 0), int(arm.side < 0), ()
-    crossed = float(cosine(leg.across, arm.across).mean()) < 0
-    seen = _anatomical(limbs)
-    named = leg.side or (-arm.side if crossed else arm.side)
-    remarks: tuple[str, ...] = ()
-    if named and abs(seen) > 1 and (named > 0) != (seen > 0):
-        remarks = ("left and right are as its names say, though its feet point backward",)
-    elif not named and abs(seen) < _GUESS:
-        remarks = ("which side is left is a guess: no name, foot or knee decides",)
-    left_leg = int(named < 0 if named else seen <= 0)
-    return left_leg, 1 - left_leg if crossed else left_leg, remarks
-
-
-def _anatomical(limbs: Limbs) -> float:
-    """Return the confidence, 0 to 6, that by feet and knees the first leg is the left one; negative: the right one."""
-    tree, leg = limbs.tree, limbs.leg
-    votes = np.zeros(len(limbs.trunk))
-    for which in (0, 1):
-        hip, knee, ankle = (tree.place[:, k] for k in leg.joints[which])
-        toes = [k for k in leg.after(which) if tree.distance(k, leg.joints[which][2]) > 0.1 * leg.lengths[1]]
-        if toes:  # feet point forward, perpendicular to the shin
-            votes += 2 * cosine(np.cross(knee - ankle, tree.place[:, toes[-1]] - ankle), leg.across)
-        bend = knee - (hip + ankle) / 2
-        bent = np.linalg.norm(bend, axis=-1) / leg.length
-        votes += np.minimum(10 * bent, 1.0) * cosine(np.cross(limbs.trunk, bend), leg.across)
-    return float(votes.mean())
-
-
-# --- fingers ---
-
-
-def fingers_of(tree: Tree, wrist: int) -> dict[str, int]:
-    """Return joints and tips of the fingers below a wrist: 'index1', 'index2', 'index3', 'index_tip' …
-
-    Fingers are identified by their names, their numbers, or their positions on the hand.
-    """
-    count = len(tree.figure.joints)
-    found: dict[str, int] = {}
-    for finger, chain in _chain_of_each_finger(tree, wrist, _finger_chains(tree, wrist)).items():
-        joints = [k for k in chain if k < count]
-        joints = joints[_begins_in_palm(tree, wrist, finger, chain, joints) :][:3]
-        if len(joints) < 2:
-            continue
-        found |= {f"{finger}{k}": joint for k, joint in enumerate(joints, start=1)}
-        tips = chain[chain.index(joints[-1]) + 1 :]
-        if len(joints) == 3 and tips and tree.length[tips[0]] > 0:
-            found[f"{finger}_tip"] = tips[0]
-    return found
-
-
-def _finger_chains(tree: Tree, wrist: int) -> list[list[int]]:
-    """Return the branches below a wrist without further branching, from the wrist on."""
-    figure, leaves, todo = tree.figure, list[int](), [wrist]
-    while todo:
-        point = todo.pop()
-        children = [k for k in figure.children[point] if not is_helper(tree.name(k))]
-        todo += children
-        if not children and point != wrist:
-            leaves.append(point)
-    if len(leaves) > 4 * _MOST:
-        return []
-    ways = [way[: way.index(wrist)][::-1] for way in map(figure.above, leaves)]
-    shared = Counter(k for way in ways for k in way)
-    chains = [[k for k in way if shared[k] == 1] for way in ways]
-    return [chain for chain in chains if sum(k < len(figure.joints) for k in chain) >= 2][:_MOST]
-
-
-def _chain_of_each_finger(tree: Tree, wrist: int, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Return the chain of each finger."""
-    named: dict[str, list[int]] = {}
-    for chain in chains:
-        fingers = [part for k in chain for part in parts(tree.name(k)) if part in FINGERS]
-        if fingers and fingers.count(fingers[0]) > 1:
-            named.setdefault(fingers[0], chain)
-    if named:
-        return named
-    numbered = [chain for chain in chains if any(tree.means(k, "finger") for k in chain)]
-    if len(numbered) in (4, 5):
-        return dict(zip(FINGERS, sorted(numbered, key=lambda chain: tree.name(chain[0])), strict=False))
-    usual = np.median([tree.way(wrist, chain) for chain in chains]) if chains else 0.0
-    chains = [chain for chain in chains if tree.way(wrist, chain) < _HELD * usual]
-    if len(chains) not in (4, 5):
-        return {}
-    ways = np.stack([tree.place[:, chain[-1]] - tree.place[:, wrist] for chain in chains])
-    ways /= np.maximum(np.linalg.norm(ways, axis=-1, keepdims=True), 1e-9)
-    rest = (ways.sum(axis=0) - ways) / (len(chains) - 1)
-    apart = np.median((ways * rest).sum(-1), axis=1)  # the thumb points elsewhere
-    thumb = chains.pop(int(np.argmin(apart)))
-    knuckles = np.stack([tree.place[:, chain[0]] - tree.place[:, wrist] for chain in chains])
-    along = knuckles.mean(axis=0)
-    base = tree.place[:, thumb[0]] - tree.place[:, wrist]
-    share = (base * along).sum(-1) / np.maximum((along * along).sum(-1), 1e-12)
-    across = base - share[:, None] * along  # over the palm, towards the thumb
-    ranks = -np.median((knuckles * across).sum(-1), axis=1)
-    return dict(zip(FINGERS, [thumb, *(chains[k] for k in np.argsort(ranks))], strict=False))
-
-
-def _begins_in_palm(tree: Tree, wrist: int, finger: str, chain: list[int], joints: list[int]) -> bool:
-    """Whether the first joint of a finger does not bend: a bone inside the palm, by name or distance to the wrist."""
-    if len(joints) > 3 and len(chain) > len(joints):  # four joints and a tip
-        return True
-    if finger == "thumb" or len(joints) < 3:
-        return False
-    label = words(tree.name(joints[0]))
-    if "carpal" in "".join(label) or "mc" in label:
-        return True
-    return len(chain) > 3 and bool(tree.distance(wrist, joints[0]) < _METACARPAL * tree.length[joints[1]])

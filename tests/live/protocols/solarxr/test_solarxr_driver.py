@@ -30,7 +30,7 @@ from bodysense_live.protocols.solarxr.solarxr_body import BONES, body_frame, bod
 from bodysense_live.protocols.solarxr.solarxr_link import RPC, SolarxrSettings
 from bodysense_live.server.settings import ServerSettings
 
-from ..conftest import Serving
+from ...conftest import Serving
 from .test_solarxr import EYES, SKELETON, standing
 
 LAYOUT = body_layout(SKELETON, EYES)
@@ -246,7 +246,7 @@ def test_a_client_that_is_refused_is_disconnected(driver: Driver) -> None:
 
 @pytest.mark.skipif(shutil.which("flatc") is None, reason="needs flatc 2.0.8")
 def test_the_code_is_that_of_the_schemas() -> None:
-    script = Path(__file__).parents[3] / "scripts" / "make_protocol_types.py"
+    script = Path(__file__).parents[4] / "scripts" / "make_protocol_types.py"
     version = subprocess.run(["flatc", "--version"], capture_output=True, text=True, check=True).stdout
     if "2.0.8" not in version:
         pytest.skip(f"{version.strip()} writes other code than 2.0.8")

@@ -31,7 +31,7 @@ from bodysense_live.server.metrics import Metrics
 from bodysense_live.server.settings import ServerSettings
 from bodysense_live.sessions.tracked_devices import SIGNALS
 
-from ..conftest import Connecting, Serving, free_port
+from ...conftest import Connecting, Serving, free_port
 
 SKELETON = default_skeleton()
 EYES = between_eyes(SKELETON)
