@@ -260,7 +260,7 @@ def test_bad_inputs_give_one_line_and_no_file(folder: Path, refused: Refused, fi
     if first in NEEDS_CONFORM:
         pytest.importorskip("bodysense_conform", reason="needs packages/conform")
     commands = [command for command in BAD if command.partition(" ")[0] == first]
-    if sys.platform != "linux":  # /proc is a folder that nobody can write to
+    if sys.platform != "linux":  # no user can write to /proc
         commands = [command for command in commands if "/proc" not in command]
     before = files(folder)
     for command in commands:

@@ -41,7 +41,7 @@ def walker(turned: bool = False) -> tuple[Pose, np.ndarray, np.ndarray]:
 
 
 def observed(kinds: dict[str, str], turned: bool = False) -> Observation:
-    """What is tracked of the walker if each of these points has a place, a rotation, both or nothing."""
+    """Return signals of the walker in which each of these points has a position, a rotation, both or neither."""
     pose, position, rotation = walker(turned)
     names, index = tuple(kinds), pose.skeleton.indices(list(kinds))
     has = [np.tile([kind in (one, "both") for kind in kinds.values()], (FRAMES, 1)) for one in ("place", "rotation")]

@@ -9,7 +9,7 @@
 /* Known measures of a body: a height (NaN: unknown) and distances between points of the T-pose. */
 typedef struct measurements {
     double height, height_deviation; /* m */
-    bool is_stated;                  /* the height is what somebody said: it replaces the population's */
+    bool is_stated;                  /* the wearer gave the height: it replaces the population's */
     int lengths;
     bs_length length[MOST_LENGTHS];
 } measurements;

@@ -130,7 +130,7 @@ class ShapeSpace:
             lengths: distances between two points in the rest pose, by the points' names, such as
                 ("left_hip", "left_ankle").
             height: stature, from the floor to the crown, without shoes.
-            is_stated: whether the height is what somebody said, which replaces the distribution of the population's
+            is_stated: whether the wearer gave the height, which then replaces the distribution of the population's
                 statures: without lengths, the likeliest shape has that height.
 
         Raises BodysenseError for an unknown point, and for a point's distance from itself.

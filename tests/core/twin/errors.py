@@ -1,7 +1,7 @@
 """Expected errors, made true by a map that was fitted to what the network errs.
 
-log e = W [k, tanh(V k + c)] + b, of what is known (k): log errors and differences that the networks predict,
-what is tracked, and how well bones are known
+log e = W [k, tanh(V k + c)] + b, with inputs k: log errors and differences that the networks predict, masks of the
+tracked points, and deviations of the bones
 """
 
 from collections.abc import Mapping

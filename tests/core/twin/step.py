@@ -28,7 +28,7 @@ WEIGHTS = Path(str(files("bodysense.weights") / "completion.safetensors"))
 
 @dataclass(frozen=True)
 class Read:
-    """What the networks give in one frame."""
+    """Outputs of the networks in one frame."""
 
     contact: np.ndarray  # (4,) probability
     fingers: np.ndarray  # (30, 3, 3) parent ← joint
@@ -57,7 +57,7 @@ class Twin:
     ) -> Read:
         """Evaluate frame t.
 
-        Of the core are `person` and `estimate` (1 frame), with the bones in use and the output body, and `core`, the
+        The core gives `person` and `estimate` (1 frame), with the bones in use and the output body, and `core`, the
         states of the recurrent layers after it.
         """
         interval, fresh = interval_of(self.settings, float(observation.time[t]), self.time)

@@ -30,7 +30,7 @@ CURL = 0.8  # rad, of each joint of the left fingers
 
 
 def before_the_camera(curl: float) -> Observation:
-    """A person who stands, with curled left fingers; `POINTS` of one frame."""
+    """A standing person with curled left fingers: `POINTS` of one frame."""
     pose = standing_pose(SKELETON)
     curled = quaternion_exp(np.array([0.0, 0.0, -curl]))
     for k, name in enumerate(SKELETON.joints):

@@ -151,7 +151,7 @@ def test_a_headset_and_controllers_are_read() -> None:
     reader = DriverReader()
     state = configured(reader)
     refused = answers(reader, state, client.add_tracker("abc", 1, 3))
-    assert client.driver_answer(refused.replies[0])[1].value(0, "B") == 2  # an error: nobody has registered
+    assert client.driver_answer(refused.replies[0])[1].value(0, "B") == 2  # an error: no driver has registered
     state = answers(reader, state, client.register("steamvr", None, 1))
     for number, (identity, bone) in enumerate((("hmd", 1), ("left", 18), ("right", 19), ("hip", 7), ("any", 0)), 1):
         state = answers(reader, state, client.add_tracker(identity, bone, 10 + number))

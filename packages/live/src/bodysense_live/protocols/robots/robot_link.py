@@ -24,7 +24,7 @@ _SPEED = 1.0  # m/s: the fastest root while a body resumes, a person's stroll
 
 @dataclass(frozen=True)
 class RobotSettings:
-    """What is published for a robot, and where."""
+    """Address and format of a robot's stream."""
 
     format: RobotFormat = "gmr"
     host: str = "127.0.0.1"  # the address to publish at
