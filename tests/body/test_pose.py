@@ -66,6 +66,17 @@ def test_frames_do_not_depend_on_others_and_products_are_those_of_quaternions() 
         np.testing.assert_array_equal(world_rotation(pose, joint), rotation[:, joint])
 
 
+@pytest.mark.parametrize("shape", [(), (1,), (7,), (2, 3)])
+@pytest.mark.parametrize("axes", [(-1, -2), (-2, -1)])
+def test_any_order_in_memory_gives_the_same_and_stays_as_it_is(shape: tuple[int, ...], axes: tuple[int, int]) -> None:
+    pose = random_pose(shape, seed=4)
+    laid = np.moveaxis(np.ascontiguousarray(np.moveaxis(pose.rotation, (-2, -1), axes)), axes, (-2, -1))
+    given = Pose(BODY, pose.root_position, laid)
+    for found, wanted in zip(forward_kinematics(given), forward_kinematics(pose), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    np.testing.assert_array_equal(laid, random_pose(shape, seed=4).rotation)
+
+
 def test_forward_kinematics_equals_pinocchio() -> None:
     pose = random_pose()
     model = pinocchio.Model()

@@ -87,7 +87,7 @@ def _kinematics_of_frames(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
     ahead, behind, size = bones[_AHEAD], bones[_BEHIND], max(1, _BLOCK // len(skeleton.points))
     for start in range(0, frames, size):
         block = slice(start, start + size)
-        world = np.ascontiguousarray(given[block].transpose(2, 1, 0))  # (4, J, N); local until its level is done
+        world = np.array(given[block].transpose(2, 1, 0), order="C")  # (4, J, N), a copy; local until its level is done
         for joints, above in levels:
             world[:, joints] = _product(world[:, above], world[:, joints])
         rotation[block] = world.transpose(2, 1, 0)
