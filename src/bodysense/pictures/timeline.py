@@ -37,7 +37,10 @@ def draw_timeline(path: str | Path, defects: Sequence[Defect], frames: int) -> N
             right = max(_LABEL + scale * (defect.last + 1), left + _LEAST)
             pen.rectangle([(left, top + 3), (right, top + _ROW - 4)], fill=_COLORS[defect.kind])
     x = float(_LABEL)
-    for kind in (kind for kind in KINDS if any(defect.kind == kind for defect in defects)):
+    found = {defect.kind for defect in defects}
+    for kind in KINDS:
+        if kind not in found:
+            continue
         pen.rectangle([(x, 8), (x + 10, 18)], fill=_COLORS[kind])
         pen.text((x + 15, 13), kind, fill=_TEXT, anchor="lm")
         x += 80
