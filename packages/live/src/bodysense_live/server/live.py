@@ -19,6 +19,7 @@ from bodysense_live.server.message_text import changed
 from bodysense_live.server.messages import (
     Calibrate,
     Hello,
+    Notice,
     Recentre,
     RecordSwitch,
     Replay,
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 
 _SWEEP_INTERVAL = 0.5  # s between checks for expired sessions
 _STORE_INTERVAL = 0.05  # s, shortest interval between two stores of sessions
+_FAILING = 1.0  # s without a completed frame after which a wearer is told, while frames arrive
 _ELSEWHERE = "the session was resumed by another connection"
 
 
@@ -314,7 +316,9 @@ class Live:
         self._send_messages(slot)
         if answer is None:
             self.metrics.dropped("failed")
+            self._report_failing(slot)
             return
+        slot.failing_since = None
         spent = monotonic() - answer.received  # not the loop's clock, which may count in milliseconds
         frames = [write_pose(answer.frame, min(int(spent * 1e6), 2**32 - 1))]
         watched = frames
@@ -328,6 +332,15 @@ class Live:
         is_input = slot in self._inputs.values()
         if self._send_body is not None and self._output_selector.selects(slot, answer, is_input, self._loop.time()):
             self._send_to_avatars(answer)
+
+    def _report_failing(self, slot: SessionSlot) -> None:
+        """Tell a wearer whose frames all fail, once every `_FAILING` seconds."""
+        now = monotonic()
+        if slot.failing_since is None:
+            slot.failing_since = now
+        elif now - slot.failing_since >= _FAILING:
+            slot.failing_since = now
+            slot.send(Notice("your body could not be completed in the last second; the server's log has the reason"))
 
     def _send_to_avatars(self, answer: Answer) -> None:
         """Send a body to avatars. If that fails, the session continues."""
