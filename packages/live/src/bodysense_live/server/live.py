@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 
 _SWEEP_INTERVAL = 0.5  # s between checks for expired sessions
 _STORE_INTERVAL = 0.05  # s, shortest interval between two stores of sessions
-_FAILING = 1.0  # s without a completed frame after which a wearer is told, while frames arrive
+_FAILING = 1.0  # s of failed frames after which a wearer gets a message
 _ELSEWHERE = "the session was resumed by another connection"
 
 
@@ -334,7 +334,7 @@ class Live:
             self._send_to_avatars(answer)
 
     def _report_failing(self, slot: SessionSlot) -> None:
-        """Tell a wearer whose frames all fail, once every `_FAILING` seconds."""
+        """Send a message to a wearer whose frames all fail, every `_FAILING` seconds."""
         now = monotonic()
         if slot.failing_since is None:
             slot.failing_since = now

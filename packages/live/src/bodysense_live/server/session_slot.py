@@ -33,7 +33,7 @@ class SessionSlot:
     source: Source | None = None  # the server's own input that drives the session; None: a client
     queues: list[SendQueue] = field(default_factory=list)
     disconnected_at: float | None = None  # s, of the loop's clock; None: connected
-    failing_since: float | None = None  # s, `monotonic`: no frame was completed since, or was told; None: they are
+    failing_since: float | None = None  # s, of `monotonic`: the first failed frame since the last answer or message
     player: Player | None = None
     player_task: asyncio.Task[None] | None = None
     sent_revision: int = 0  # revision of the session that was last sent to clients
