@@ -18,7 +18,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reach
 from bodysense.errors import BodysenseError
 from bodysense.geometry.gaps import runs
-from bodysense.geometry.rotation import smooth_step
+from bodysense.geometry.series import fade_out
 from bodysense.io.clip import Clip
 from bodysense.io.holes import Missing
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
@@ -176,9 +176,9 @@ def _held(clip: Clip, side: str, spans: Sequence[tuple[int, int]]) -> np.ndarray
         while 0 <= edge < len(stands) and stands[edge]:  # it keeps its place until it is lifted
             own[edge] = last
             edge += step
-        for count in range(fade):
-            if 0 <= edge + step * count < len(own):
-                own[edge + step * count] = last * (1 - smooth_step(np.array((count + 1) / (fade + 1))))
+        for frame, share in zip(range(edge, edge + step * fade, step), fade_out(fade), strict=True):
+            if 0 <= frame < len(own):
+                own[frame] = share * last
         shift += own
     return shift
 
@@ -202,11 +202,10 @@ def _lifted(clip: Clip, side: str, spans: Sequence[tuple[int, int]]) -> np.ndarr
     for first, end in runs(sunken):
         own = np.zeros(len(depth))
         own[first:end] = depth[first:end]
-        for count in range(1, fade + 1):
-            share = 1 - smooth_step(np.array(count / (fade + 1)))
+        for count, share in enumerate(fade_out(fade), start=1):
             for frame, edge in ((first - count, first), (end - 1 + count, end - 1)):
                 if 0 <= frame < len(own) and not sunken[frame]:
-                    own[frame] = max(own[frame], float(share) * depth[edge])
+                    own[frame] = max(own[frame], share * depth[edge])
         shift[:, 1] = np.maximum(shift[:, 1], own)
     return shift
 
