@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from bodysense.geometry.rotation import smooth_step
@@ -13,8 +11,9 @@ def smoothed(values: np.ndarray, frames: float) -> np.ndarray:
     """Smooth values (T, ...) by a Gaussian with a standard deviation in frames; first and last values are extended."""
     reach = int(np.ceil(3 * frames - 1e-6))  # equal for rates that differ by rounding
     weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / frames) ** 2)
-    padded: Any = np.concatenate([values[:1].repeat(reach, axis=0), values, values[-1:].repeat(reach, axis=0)])
-    return sum(share * padded[k : k + len(values)] for k, share in enumerate((weight / weight.sum()).tolist()))
+    padded = np.concatenate([values[:1].repeat(reach, axis=0), values, values[-1:].repeat(reach, axis=0)])
+    parts = (share * padded[k : k + len(values)] for k, share in enumerate((weight / weight.sum()).tolist()))
+    return sum(parts, start=np.zeros(values.shape))
 
 
 def fade_out(frames: int) -> np.ndarray:

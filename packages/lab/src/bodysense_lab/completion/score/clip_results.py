@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import write_json, written_beside
 from bodysense.io.clip import Clip
 from bodysense_lab.completion.score.scenes import Truth
 from bodysense_lab.completion.score.scores import Calibration, RunningScores
@@ -50,8 +50,7 @@ class ClipResults:
                     )
         else:
             folder.mkdir(parents=True, exist_ok=True)
-            with written_beside(path) as beside:
-                beside.write_text(json.dumps(wanted, indent=1), encoding="utf-8")
+            write_json(path, wanted)
         return cls(folder, resumed)
 
     def load(self, clip: Clip, truth: Truth, settings: CompletionSettings) -> CompletionTable | None:
