@@ -26,7 +26,7 @@ from bodysense.quality.defects import Defect, find_defects
 from bodysense.quality.foot_defects import foot_motion
 from bodysense.quality.joint_defects import LIMBS
 from bodysense.sources.open import MotionSource, Source, open_source
-from bodysense.sources.partial_motion import PartialMotion, open_partial
+from bodysense.sources.partial_motion import open_partial
 from bodysense.takes.filling import with_world_rotations
 from bodysense.takes.take import Completion, Take, fill_take
 from bodysense.tracking.tracker import TrackerSettings
@@ -73,7 +73,11 @@ def repair(
     defects = find_defects(opened.clip.pose, opened.clip.frame_rate, only)
     holes = _holes(defects, opened.clip)
     partial = open_partial(opened.joint_file or opened.clip, [], opened.options, held=False)
-    holes = [replace(hole, name=_own_name(partial, hole.name)) for hole in holes if hole.name in partial.rig.ours]
+    holes = [
+        replace(hole, name=partial.rig.joints[partial.rig.ours[hole.name]])
+        for hole in holes
+        if hole.name in partial.rig.ours
+    ]
     partial = open_partial(opened.joint_file or opened.clip, holes, opened.options, held=False) if holes else partial
     completion = Completion(settings, None, False, lambda done, frames: None)
     take = replace(fill_take(partial, completion), source=opened.joint_file, reading=opened.options)
@@ -98,10 +102,6 @@ def checked_motion(source: Source, reading: ReadingOptions = AS_FOUND) -> Motion
             f"bodysense track {name} -o motion.bvh"
         )
     return opened
-
-
-def _own_name(partial: PartialMotion, name: str) -> str:
-    return partial.rig.joints[partial.rig.ours[name]]
 
 
 def _holes(defects: Sequence[Defect], clip: Clip) -> list[Missing]:

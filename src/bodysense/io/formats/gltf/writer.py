@@ -129,7 +129,10 @@ def write_glb(path: str | Path, clip: Clip, names: tuple[str, ...] | None = None
     joint, weight = np.zeros((2, len(mesh.joint), 4), dtype="u1")
     joint[:, 0], weight[:, 0] = mesh.joint, 255
     color = np.full((len(mesh.joint), 4), 255, dtype="u1")
-    color[:, :3] = np.round(255 * _linear(mesh.color))
+    # glTF requires linear colours of vertices, not sRGB
+    color[:, :3] = np.round(
+        255 * np.where(mesh.color <= 0.04045, mesh.color / 12.92, ((mesh.color + 0.055) / 1.055) ** 2.4)
+    )
     attributes = {
         "POSITION": arrays.add_bounded(mesh.position.astype("<f4"), _VERTICES),
         "NORMAL": arrays.add(normalize(mesh.normal).astype("<f4"), _VERTICES),
@@ -197,8 +200,3 @@ def write_binary(path: str | Path, document: dict[str, Any], arrays: Arrays) -> 
         file.write(struct.pack("<II", len(text), JSON) + text)
         file.write(struct.pack("<II", len(arrays.binary), BINARY))
         file.write(arrays.binary)
-
-
-def _linear(color: np.ndarray) -> np.ndarray:
-    """Convert sRGB colours to linear ones, as glTF requires for vertices."""
-    return np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)
