@@ -95,13 +95,16 @@ def point_mapping(
     used = [(points.index(row[0]), *row[1:]) if row is not None else (-1, IDENTITY, ZERO, False) for row in rows]
     target, turn, shift, gives_rotation = zip(*used, strict=True) if used else ((), (), (), ())
     turns, shifts = np.array(turn).reshape(-1, 4), np.array(shift).reshape(-1, 3)
+    # cameras track the joints of WebXR's hands
     return PointMapping(
         points,
         np.array(target, dtype=int),
         turns,
         shifts,
         np.array(gives_rotation, dtype=bool),
-        np.array([_accuracy(name) for name in names], dtype=float),
+        np.array(
+            [(CAMERA_ACCURACY if ":" in name else float(usual_accuracy([name])[0])) for name in names], dtype=float
+        ),
         bool((turns == IDENTITY).all() and not shifts.any()),
         frozenset(points) - not_strapped,
     )
@@ -276,11 +279,6 @@ def _webxr_hand_point(name: str, side: str, rest: str) -> tuple[str, np.ndarray,
     if not known or segment not in table:
         raise ProtocolError(f"the point {name!r} is not a joint of WebXR's hands; see docs/protocol.md for the names")
     return f"{side}_{finger}{table[segment]}", IDENTITY, ZERO, False
-
-
-def _accuracy(name: str) -> float:
-    """Return the usual accuracy of a device in m; cameras track the joints of WebXR's hands."""
-    return CAMERA_ACCURACY if ":" in name else float(usual_accuracy([name])[0])
 
 
 def _inverse(axes: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
