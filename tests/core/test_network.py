@@ -1,6 +1,6 @@
 """The core's networks: people together, memories of fast devices, and which files are opened."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -128,7 +128,7 @@ def parts_of_the_file() -> tuple[dict[str, np.ndarray], dict[str, str]]:
     return read_safetensors(WEIGHTS)
 
 
-def changed_file(tensors: dict[str, np.ndarray | None], **metadata: str) -> bytes:
+def changed_file(tensors: Mapping[str, np.ndarray | None], **metadata: str) -> bytes:
     whole, card = parts_of_the_file()
     kept = {name: values for name, values in {**whole, **tensors}.items() if values is not None}
     return safetensors_bytes(kept, {**card, **metadata})
@@ -182,9 +182,9 @@ UPDATED = {"input_l0": (1536, 537), "state_l0": (1536, 512), "input_l1": (1536, 
 }
 
 
-def updates(rank: int = RANK, **changed: int) -> dict[str, np.ndarray | None]:
+def updates(rank: int = RANK, **changed: int) -> dict[str, np.ndarray]:
     """Random updates of a rank; `changed`: ranks of some products."""
-    rng, out = np.random.default_rng(8), dict[str, np.ndarray | None]()
+    rng, out = np.random.default_rng(8), dict[str, np.ndarray]()
     for name, (rows, columns) in UPDATED.items():
         own = changed.get(name, rank)
         for part, shape in enumerate(((own, columns), (rows, own))):
@@ -226,7 +226,9 @@ def test_updates_act_on_people_whose_heads_are_not_tracked(library: Path) -> Non
         (updates() | {"body.updates.input_l0.0.weight": np.zeros((16, 536), np.int8)}, INCOMPLETE),
     ],
 )
-def test_updates_are_of_one_rank_in_whole_groups(library: Path, tables: dict[str, np.ndarray], result: int) -> None:
+def test_updates_are_of_one_rank_in_whole_groups(
+    library: Path, tables: Mapping[str, np.ndarray | None], result: int
+) -> None:
     assert open_library(library, changed_file(tables))[0] == result
 
 

@@ -125,5 +125,5 @@ def branch_of(of: Mapping[str, np.ndarray], name: str) -> Branch:
 
 def updates_of(of: Mapping[str, np.ndarray], product: str) -> list[Update]:
     """The update of a product of the body's network in a list; empty if the file has none."""
-    parts = [of.get(f"body.updates.{product}.{k}.weight") for k in (0, 1)]
-    return [Update(*parts)] if all(part is not None for part in parts) else []
+    inward, outward = (f"body.updates.{product}.{k}.weight" for k in (0, 1))
+    return [Update(of[inward], of[outward])] if inward in of else []
