@@ -187,8 +187,8 @@ def test_a_longer_take_needs_no_more_memory_than_its_result(
         tracemalloc.stop()
         return np.array(found)
 
-    peaks(150)  # loads the networks
-    per_frame = (peaks(1200) - peaks(600)) / 600  # both with more than two blocks of a BVH file
+    peaks(90)  # loads the networks
+    per_frame = (peaks(840) - peaks(540)) / 300  # both with more than two blocks of a BVH file
     assert (per_frame < [5000, 5000, 6000]).all()
 
 
