@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -113,6 +115,13 @@ def written_beside(path: str | Path) -> Iterator[Path]:
         beside.unlink(missing_ok=True)
 
 
+def write_json(path: str | Path, content: Any) -> None:
+    """Write a JSON file, whole or not at all. NaN is refused. Raises BodysenseError as `written_beside` does."""
+    with written_beside(path) as beside:
+        text = json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False)
+        beside.write_text(text + "\n", encoding="utf-8")
+
+
 def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, fix: str = "cut it in parts") -> bytes:
     """Return the content of a file of at most `largest` bytes.
 
@@ -166,6 +175,11 @@ def read_text(path: str | Path, other: str | None = None) -> str:
         if other is not None:
             return data.decode(other)
         raise BodysenseError(f"{path}: not text in UTF-8; export it again") from None
+
+
+def natural_order(name: str) -> list[tuple[int, str]]:
+    """Return a sort key for names with numbers: P2 before P10."""
+    return [(int(part), "") if part.isdigit() else (-1, part.lower()) for part in re.split(r"(\d+)", name)]
 
 
 def _is_running(process: int) -> bool:

@@ -219,6 +219,17 @@ def test_swing_of_half_a_turn_has_no_twist() -> None:
     assert_same_rotation(swing, q)
 
 
+def test_a_turned_vector_is_at_the_angle_and_on_the_side_of_its_turn() -> None:
+    rng = np.random.default_rng(4)
+    axis, u = (r.normalize(rng.normal(size=(200, 3))) for _ in range(2))
+    u = np.cross(axis, u) * rng.uniform(0.1, 9, (200, 1))
+    angle = rng.uniform(-np.pi, np.pi, 200)
+    v = r.quaternion_rotate(r.quaternion_exp(angle[:, None] * axis), u) * rng.uniform(0.1, 9, (200, 1))
+    np.testing.assert_allclose(r.angle_about(axis, u, v), angle, atol=1e-9)
+    np.testing.assert_allclose(r.angle_between(u, v), np.abs(angle), atol=1e-9)
+    assert r.angle_between(np.zeros(3), np.ones(3)) == 0.0
+
+
 def test_heading_is_the_yaw_of_yaw_then_pitch() -> None:
     rng = np.random.default_rng(0)
     angles = rng.uniform([-np.pi, -1.5], [np.pi, 1.5], (100, 2))
@@ -254,6 +265,8 @@ BINARY: dict[str, tuple[Callable[..., Any], Callable[..., np.ndarray], Callable[
     "shortest_arc": (r.shortest_arc, random_vector, random_vector),
     "swing": (lambda q, v: r.swing_twist(q, r.normalize(v))[0], random_quaternion, random_vector),
     "twist": (lambda q, v: r.swing_twist(q, r.normalize(v))[1], random_quaternion, random_vector),
+    "angle_between": (r.angle_between, random_vector, random_vector),
+    "angle_about": (lambda u, v: r.angle_about(r.normalize(r.cross(u, v)), u, v), random_vector, random_vector),
     "angle": (r.geodesic_angle, random_quaternion, random_quaternion),
 }
 

@@ -49,18 +49,15 @@ class Coordination:
         result[:, ~is_known] = 0
         if is_known.all() or not is_known.any():
             return result
-        covariance = self._at(seconds)
+        # Interpolate the covariance over the logarithm of the gap's length.
+        place = np.interp(np.log(seconds), np.log(self.seconds), np.arange(len(self.seconds)))
+        low = min(int(place), len(self.seconds) - 2)
+        covariance = (low + 1 - place) * self.covariance[low] + (place - low) * self.covariance[low + 1]
         given = np.repeat(is_known, 3)
         own = covariance[np.ix_(given, given)] + NOISE * np.eye(given.sum())
         share = np.linalg.solve(own, covariance[np.ix_(given, ~given)])
         result[:, ~is_known] = (known[:, is_known].reshape(frames, -1) @ share).reshape(frames, -1, 3)
         return result
-
-    def _at(self, seconds: float) -> np.ndarray:
-        """Return the covariance for a length of gap, interpolated over its logarithm."""
-        place = np.interp(np.log(seconds), np.log(self.seconds), np.arange(len(self.seconds)))
-        low = min(int(place), len(self.seconds) - 2)
-        return (low + 1 - place) * self.covariance[low] + (place - low) * self.covariance[low + 1]
 
 
 def deviations(rotation: np.ndarray, root: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:

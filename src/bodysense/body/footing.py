@@ -8,7 +8,8 @@ from array_api_compat import array_namespace
 from bodysense.body.pose import as_like
 from bodysense.body.skeleton import Skeleton
 from bodysense.geometry.gaps import runs
-from bodysense.geometry.rotation import Array, smooth_step
+from bodysense.geometry.rotation import Array
+from bodysense.geometry.series import fade_out
 
 SOLE_POINTS = tuple(f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe"))
 HOLD, RELEASE = 0.6, 0.4  # probabilities of contact: a foot stands from the first on, until it falls below the second
@@ -69,8 +70,7 @@ def stop_sliding(
             for side, count in ((-1, start - before), (1, after - stop)):
                 fading = min(count, round(fade / seconds))
                 frames = start - 1 - np.arange(fading) if side < 0 else stop + np.arange(fading)
-                gone = (np.arange(fading) + 1) / (fading + 1)
-                shift[frames] += (1 - smooth_step(gone))[:, None] * shift[start if side < 0 else stop - 1]
+                shift[frames] += fade_out(fading)[:, None] * shift[start if side < 0 else stop - 1]
     size = np.linalg.norm(shift, axis=-1, keepdims=True)
     return shift * np.minimum(1, farthest / np.maximum(size, 1e-9))
 

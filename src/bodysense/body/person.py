@@ -80,7 +80,9 @@ class Person:
         known = {pair: _measured(value, f"distance {'–'.join(pair)}") for pair, value in (lengths or {}).items()}
         if skeleton is None:
             estimate, scale = _estimate(known, stature)
-            skeleton = _scaled(estimate, scale)
+            skeleton = estimate.skeleton
+            if scale != 1.0:
+                skeleton = skeleton.with_offsets(scale * skeleton.rest_offset)
             if bone_deviation is None:
                 bone_deviation = scale * estimate.bone_deviation
         elif bone_deviation is None and (stature is not None or known):
@@ -293,11 +295,6 @@ def _estimate(lengths: Mapping[tuple[str, str], Measured], height: Measured | No
 
     smaller_lengths = {pair: smaller(length) for pair, length in lengths.items()}
     return space.likeliest(smaller_lengths, smaller(height), is_stated=True), scale
-
-
-def _scaled(estimate: ShapeEstimate, scale: float) -> Skeleton:
-    skeleton = estimate.skeleton
-    return skeleton if scale == 1.0 else skeleton.with_offsets(scale * skeleton.rest_offset)
 
 
 def _hand_row(side: str, hand: GlovedHand) -> dict[str, Any]:

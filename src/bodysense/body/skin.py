@@ -120,7 +120,9 @@ def fit_skin(skeleton: Skeleton) -> BodySkin:
         center=center,
         radius=radius,
         link=link,
-        color=np.array([_color(name) for _, _, name in links]),
+        color=np.array(
+            [next((color for part, color in _CLOTHES.items() if part in name), SKIN) for _, _, name in links]
+        ),
         part=np.unique(parts, return_inverse=True)[1],
     )
 
@@ -130,11 +132,6 @@ def place_skin(skin: BodySkin, pose: Pose) -> np.ndarray:
     position, rotation = forward_kinematics(pose)
     turn = quaternion_to_matrix(rotation)[..., skin.joint, :, :]
     return position[..., skin.joint, :] + np.einsum("...nij,nj->...ni", turn, skin.center)
-
-
-def _color(name: str) -> int:
-    """Return the clothing colour of a part of the body."""
-    return next((color for part, color in _CLOTHES.items() if part in name), SKIN)
 
 
 def _part(skeleton: Skeleton, name: str, *joints: int) -> str:

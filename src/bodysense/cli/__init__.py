@@ -14,6 +14,11 @@ from bodysense.errors import BodysenseError, missing_package
 # work, above all next to other programs, and each of --jobs would have its own.
 _SMALL_PRODUCTS = ("check", "convert", "demo", "repair", "track")
 
+_DESCRIPTION = (
+    f"Completes a human body, hands included, from partial tracking. Version {__version__} (--version). With any "
+    "command, --overwrite lets an output take the place of an input, and --quiet prints warnings and errors only."
+)
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line. Returns the exit status: a command's own, or 2 for an error of the user's input."""
@@ -31,7 +36,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         found = installed()
         words = [word for word in given if word != QUIET]
         check_installed(found, words)
-        description = "\n\n".join([_description(), *lines_of_missing(found)])
+        description = "\n\n".join([_DESCRIPTION, *lines_of_missing(found)])
         with quietly(QUIET in given):
             try:
                 status = run(application(found), description, words)
@@ -59,14 +64,6 @@ def _line_of(error: OSError) -> str:
         return f"the disk is full{where}; free some space and run the same command again"
     where = f"{error.filename}: " if error.filename else ""
     return f"{where}{error.strerror or error}; check the path and its permissions, and run the same command again"
-
-
-def _description() -> str:
-    return (
-        f"Completes a human body, hands included, from partial tracking. Version {__version__} (--version). "
-        "With any command, --overwrite lets an output take the place of an input, and --quiet prints warnings and "
-        "errors only."
-    )
 
 
 def entry_point() -> None:

@@ -110,11 +110,7 @@ def readable_clips(every: Iterable[FoundFile], found: list[FoundFile]) -> Iterat
     for one in every:
         if one.clip is not None:
             yield one.clip
-        found.append(one if one.clip is None else replace(one, clip=_without_motion(one.clip)))
-
-
-def _without_motion(clip: Clip) -> Clip:
-    return replace(clip, pose=clip.pose[:1])
+        found.append(one if one.clip is None else replace(one, clip=replace(one.clip, pose=one.clip.pose[:1])))
 
 
 def description_of(one: FoundFile) -> str:

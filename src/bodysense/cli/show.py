@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.files import written_beside
+from bodysense.files import write_json
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -41,8 +40,7 @@ def write_numbers(path: Path | None, numbers: dict[str, float], *, timed: bool =
     if path is not None:
         machine = {"processor": processor()} | ({"cpu_seconds": cpu_seconds()} if timed else {})
         finite = {name: value for name, value in numbers.items() if np.isfinite(value)}
-        with written_beside(path) as beside:
-            beside.write_text(json.dumps(machine | finite, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        write_json(path, machine | finite)
 
 
 def cpu_seconds() -> float:

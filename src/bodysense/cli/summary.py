@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from bodysense import __version__
 from bodysense.cli.options import ManyOptions
 from bodysense.cli.show import wide_console
 from bodysense.errors import BodysenseError
-from bodysense.files import check_folder, check_place, written_beside
+from bodysense.files import check_folder, check_place, write_json
 
 if TYPE_CHECKING:
     from bodysense.takes.many import FileOutcome
@@ -28,11 +27,8 @@ _LISTED = 40  # largest number of files in the table; of more, those with errors
 
 def write_summary(path: Path | None, outputs: list[Path], values: Mapping[str, Any]) -> None:
     """Write a JSON object with the output files of a command and values about them; nothing if `path` is None."""
-    if path is None:
-        return
-    with written_beside(path) as beside:
-        whole = {"outputs": [str(out) for out in outputs], **values}
-        beside.write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    if path is not None:
+        write_json(path, {"outputs": [str(out) for out in outputs], **values})
 
 
 def take_values(take: Take, speed: float, warnings: Sequence[str], of_markers: bool) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from bodysense.geometry.rotation import (
     quaternion_multiply,
     slerp,
 )
+from bodysense.geometry.series import continuous, smoothed
 
 COASTING = 0.8  # s in which the speed at a gap's edge fades; shorter gaps are cubics. Chosen on validation people
 BRIEF = 0.25  # s; gaps that are no longer, with two known sides, are interpolated without the guess
@@ -194,7 +195,7 @@ def _bend_guess(kept: np.ndarray, guess: np.ndarray, first: int, end: int, secon
 
     The correction at each side fades toward the other side.
     """
-    inside = _smooth(guess, SMOOTH / seconds)
+    inside = np.asarray(normalize(smoothed(continuous(guess), SMOOTH / seconds)))
     lacking = np.zeros((2, 3))
     if first > 0:
         lacking[0] = _difference(_extrapolate(inside[1::-1]), kept[first - 1])
@@ -202,17 +203,6 @@ def _bend_guess(kept: np.ndarray, guess: np.ndarray, first: int, end: int, secon
         lacking[1] = _difference(_extrapolate(inside[-2:]), kept[end])
     steps = (np.arange(1.0, end - first + 1) / (end - first + 1))[:, None]
     return np.asarray(quaternion_multiply(inside, quaternion_exp((1 - steps) * lacking[0] + steps * lacking[1])))
-
-
-def _smooth(rotation: np.ndarray, frames: float) -> np.ndarray:
-    """Average rotations (N, 4) over their neighbours by a Gaussian; `frames` is its standard deviation."""
-    reach = int(np.ceil(3 * frames))
-    flips = np.where((rotation[1:] * rotation[:-1]).sum(axis=1, keepdims=True) < 0, -1.0, 1.0)
-    whole = np.concatenate([rotation[:1], rotation[1:] * np.cumprod(flips, axis=0)])
-    around = np.arange(-reach, reach + 1)
-    weights = np.exp(-0.5 * (around / frames) ** 2)
-    places = np.clip(np.arange(len(whole))[:, None] + around, 0, len(whole) - 1)
-    return np.asarray(normalize(np.einsum("nk,nkc->nc", np.broadcast_to(weights, places.shape), whole[places])))
 
 
 def _extrapolate(pair: np.ndarray) -> np.ndarray:

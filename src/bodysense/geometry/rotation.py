@@ -185,6 +185,18 @@ def shortest_arc(u: Array, v: Array) -> Array:
     return xp.where(opposite, half_turn, arc)
 
 
+def angle_between(u: Array, v: Array) -> Array:
+    """Return the angles (...) in radians, 0 to π, between vectors (..., 3) of any length; 0 for a zero vector."""
+    xp = array_namespace(u, v)
+    return xp.atan2(safe_norm(cross(u, v))[..., 0], dot(u, v)[..., 0])
+
+
+def angle_about(axis: Array, u: Array, v: Array) -> Array:
+    """Return the angles (...) in radians, −π to π, about a unit axis from `u` to `v`, square to it: (..., 3)."""
+    xp = array_namespace(axis, u, v)
+    return xp.atan2(dot(cross(u, v), axis)[..., 0], dot(u, v)[..., 0])
+
+
 def swing_twist(q: Array, axis: Array) -> tuple[Array, Array]:
     """Split q = swing · twist: twist about the unit `axis` (..., 3), swing about an axis at right angles to it.
 

@@ -11,6 +11,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skin import fit_skin, place_skin
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import heading, quaternion_rotate
+from bodysense.geometry.series import smoothed
 
 
 @dataclass(frozen=True)
@@ -88,16 +89,8 @@ def follow_body(truth: Pose, rate: float, lens: Lens = Lens(), calm: float = 0.7
     soles = (place_skin(skin, truth)[..., 1] - skin.radius).min(axis=-1)
     return FollowingCamera(
         lens=lens,
-        follow=np.tile(middle, (len(path), 1)) if stays else _smoothed(path, calm * rate),
+        follow=np.tile(middle, (len(path), 1)) if stays else smoothed(path, calm * rate),
         turn=float(np.arctan2(front[0], front[2])) + lens.azimuth,
         floor=float(np.percentile(soles, 5)),
         scale=truth.skeleton.height / 1.7,
     )
-
-
-def _smoothed(path: np.ndarray, width: float) -> np.ndarray:
-    """Smooth a path (T, D) by a Gaussian with a standard deviation of `width` frames; its ends are extended."""
-    reach = int(np.ceil(3 * width))
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
-    padded = np.pad(path, ((reach, reach), (0, 0)), mode="edge")
-    return np.stack([np.convolve(column, kernel / kernel.sum(), mode="valid") for column in padded.T], axis=-1)

@@ -8,8 +8,8 @@ from bodysense.body.footing import side_clearance, stop_sliding
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reach
 from bodysense.body.skeleton import Skeleton
+from bodysense.geometry.series import smoothed
 from bodysense.takes.fitting import fade_offsets
-from bodysense.takes.joining import smoothed
 from bodysense.tracking.estimate import CONTACT_POINTS
 
 Array = np.ndarray

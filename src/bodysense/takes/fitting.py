@@ -11,6 +11,7 @@ from bodysense.body.reach import reach, reach_all
 from bodysense.body.skeleton import FINGERS, Skeleton
 from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import (
+    angle_about,
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_exp,
@@ -203,8 +204,7 @@ def _swivel(skeleton: Skeleton, position: Array, tip: int, points: Array) -> Arr
         for place in (position[:, middle], points[:, middle])
     )
     bent = np.minimum(np.linalg.norm(current, axis=-1), np.linalg.norm(wanted, axis=-1)) > STRAIGHT
-    angle = np.arctan2((np.cross(current, wanted) * axis).sum(axis=-1), (current * wanted).sum(axis=-1))
-    return np.where(bent, angle, 0.0)
+    return np.where(bent, angle_about(axis, current, wanted), 0.0)
 
 
 def _turn_about_limb(

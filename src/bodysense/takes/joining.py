@@ -21,6 +21,7 @@ from bodysense.geometry.rotation import (
     quaternion_multiply,
     smooth_step,
 )
+from bodysense.geometry.series import smoothed
 
 Array = np.ndarray
 LEAD = 0.25  # s before a point is seen again in which the pose turns toward it; 0.1 and 0.5 are within 1 %
@@ -101,7 +102,7 @@ def _jump(rotation: Array, frame: int, most: float) -> Array:
 
     The jump is the step into the frame minus the mean step of its neighbours, which is at most `most` rad.
     """
-    steps = _differences(rotation[:-1], rotation[1:])
+    steps = np.asarray(quaternion_log(quaternion_multiply(quaternion_conjugate(rotation[:-1]), rotation[1:])))
     beside = np.delete(steps, frame - 1, axis=0)
     speed = beside.sum(axis=0) / 2
     size = np.linalg.norm(speed, axis=-1, keepdims=True)
@@ -117,14 +118,6 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
     ratio = np.log(past[:, body].mean(axis=1) / future[:, body].mean(axis=1))
     odds = BACKWARD_SHARE / (1 - BACKWARD_SHARE) * np.exp(SURENESS * smoothed(ratio, STEADY / seconds))
     return odds / (1 + odds)
-
-
-def smoothed(values: Array, frames: float) -> Array:
-    """Smooth values (T, ...) by a Gaussian with a standard deviation in frames; first and last values are extended."""
-    reach = int(np.ceil(3 * frames - 1e-6))  # equal for rates that differ by rounding
-    weight = np.exp(-0.5 * (np.arange(-reach, reach + 1) / frames) ** 2)
-    padded = np.concatenate([values[:1].repeat(reach, axis=0), values, values[-1:].repeat(reach, axis=0)])
-    return sum(share * padded[k : k + len(values)] for k, share in enumerate((weight / weight.sum()).tolist()))  # type: ignore[return-value]
 
 
 def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
@@ -151,8 +144,3 @@ def keep_tracked_rotations(skeleton: Skeleton, rotation: Array, world: Array, tu
         rotation[:, joint] = np.where(kept, own, rotation[:, joint])
         placed[:, joint] = quaternion_multiply(placed[:, parent], rotation[:, joint])
     return rotation
-
-
-def _differences(a: Array, b: Array) -> Array:
-    """Return rotation vectors (..., 3) from a to b."""
-    return np.asarray(quaternion_log(quaternion_multiply(quaternion_conjugate(a), b)))

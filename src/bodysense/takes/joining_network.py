@@ -262,7 +262,10 @@ def _opened(source: Traversable) -> JoiningNetwork:
     if card.get("format") != FORMAT:
         found = card.get("format", "not given")
         raise BodysenseError(f"{source}: no joining network (format {found!r}, wanted {FORMAT!r}); {wanted}")
-    network = JoiningNetwork({name: values.astype(np.float32) for name, values in tensors.items()}, _parsed(card))
+    network = JoiningNetwork(
+        {name: values.astype(np.float32) for name, values in tensors.items()},
+        {name: text if name == "format" else json.loads(text) for name, text in card.items()},
+    )
     blocks = {name.split(".")[1] for name in tensors if name.startswith("convolutions.")}
     if more := sorted(blocks - _BLOCKS):
         known = f"blocks 0 to {len(DILATIONS) - 1} are known"
@@ -273,10 +276,6 @@ def _opened(source: Traversable) -> JoiningNetwork:
     except (KeyError, ValueError, IndexError) as error:
         raise BodysenseError(f"{source}: a joining network without some of its tensors ({error}); {wanted}") from None
     return network
-
-
-def _parsed(card: Mapping[str, str]) -> dict[str, Any]:
-    return {name: text if name == "format" else json.loads(text) for name, text in card.items()}
 
 
 def _silu(values: Array) -> Array:

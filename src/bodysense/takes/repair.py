@@ -18,7 +18,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.reach import reach
 from bodysense.errors import BodysenseError
 from bodysense.geometry.gaps import runs
-from bodysense.geometry.rotation import smooth_step
+from bodysense.geometry.series import fade_out
 from bodysense.io.clip import Clip
 from bodysense.io.holes import Missing
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
@@ -26,7 +26,7 @@ from bodysense.quality.defects import Defect, find_defects
 from bodysense.quality.foot_defects import foot_motion
 from bodysense.quality.joint_defects import LIMBS
 from bodysense.sources.open import MotionSource, Source, open_source
-from bodysense.sources.partial_motion import PartialMotion, open_partial
+from bodysense.sources.partial_motion import open_partial
 from bodysense.takes.filling import with_world_rotations
 from bodysense.takes.take import Completion, Take, fill_take
 from bodysense.tracking.tracker import TrackerSettings
@@ -73,7 +73,11 @@ def repair(
     defects = find_defects(opened.clip.pose, opened.clip.frame_rate, only)
     holes = _holes(defects, opened.clip)
     partial = open_partial(opened.joint_file or opened.clip, [], opened.options, held=False)
-    holes = [replace(hole, name=_own_name(partial, hole.name)) for hole in holes if hole.name in partial.rig.ours]
+    holes = [
+        replace(hole, name=partial.rig.joints[partial.rig.ours[hole.name]])
+        for hole in holes
+        if hole.name in partial.rig.ours
+    ]
     partial = open_partial(opened.joint_file or opened.clip, holes, opened.options, held=False) if holes else partial
     completion = Completion(settings, None, False, lambda done, frames: None)
     take = replace(fill_take(partial, completion), source=opened.joint_file, reading=opened.options)
@@ -98,10 +102,6 @@ def checked_motion(source: Source, reading: ReadingOptions = AS_FOUND) -> Motion
             f"bodysense track {name} -o motion.bvh"
         )
     return opened
-
-
-def _own_name(partial: PartialMotion, name: str) -> str:
-    return partial.rig.joints[partial.rig.ours[name]]
 
 
 def _holes(defects: Sequence[Defect], clip: Clip) -> list[Missing]:
@@ -176,9 +176,9 @@ def _held(clip: Clip, side: str, spans: Sequence[tuple[int, int]]) -> np.ndarray
         while 0 <= edge < len(stands) and stands[edge]:  # it keeps its place until it is lifted
             own[edge] = last
             edge += step
-        for count in range(fade):
-            if 0 <= edge + step * count < len(own):
-                own[edge + step * count] = last * (1 - smooth_step(np.array((count + 1) / (fade + 1))))
+        for frame, share in zip(range(edge, edge + step * fade, step), fade_out(fade), strict=True):
+            if 0 <= frame < len(own):
+                own[frame] = share * last
         shift += own
     return shift
 
@@ -202,11 +202,10 @@ def _lifted(clip: Clip, side: str, spans: Sequence[tuple[int, int]]) -> np.ndarr
     for first, end in runs(sunken):
         own = np.zeros(len(depth))
         own[first:end] = depth[first:end]
-        for count in range(1, fade + 1):
-            share = 1 - smooth_step(np.array(count / (fade + 1)))
+        for count, share in enumerate(fade_out(fade), start=1):
             for frame, edge in ((first - count, first), (end - 1 + count, end - 1)):
                 if 0 <= frame < len(own) and not sunken[frame]:
-                    own[frame] = max(own[frame], float(share) * depth[edge])
+                    own[frame] = max(own[frame], share * depth[edge])
         shift[:, 1] = np.maximum(shift[:, 1], own)
     return shift
 

@@ -98,7 +98,8 @@ class Take:
         from bodysense.io.target_rigs.own_rig import write_on_rig_of
 
         if rig is None:
-            rig = SOURCE if self._is_of_our_kind(path) and not self.clip.lacks else OWN
+            kind = None if self.file is None else self.file.path.suffix.lower()
+            rig = SOURCE if path.suffix.lower() == kind and not self.clip.lacks else OWN
         check_rig(path, rig, self.source)
         if rig == SOURCE and self.file is not None:
             is_whole = self.partial is not None and self.partial.is_whole
@@ -117,10 +118,6 @@ class Take:
             write_on_rig_of(path, self.clip, self.source, self.reading)
         else:
             write_motion(path, replace(self.clip, name=path.stem), rig)
-
-    def _is_of_our_kind(self, path: Path) -> bool:
-        """Whether an output has the ending of the file whose holes were filled."""
-        return self.file is not None and path.suffix.lower() == self.file.path.suffix.lower()
 
     @cached_property
     def filled_markers(self) -> FilledMarkers:

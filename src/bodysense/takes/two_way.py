@@ -17,7 +17,8 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, smooth_step
+from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
+from bodysense.geometry.series import fade_out
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import observed_points
 from bodysense.takes.bridging import LONGEST, bridge_gaps
@@ -278,7 +279,7 @@ def concatenate_estimates(parts: Iterable[Estimate], frames: int, rest_offset: A
 
 def crossfade(before: Estimate, after: Estimate, frames: int) -> Estimate:
     """Fade the first frames of an estimate from another estimate of the same frames to its own."""
-    share = smooth_step((np.arange(frames) + 1) / (frames + 1))
+    share = 1 - fade_out(frames)
     pose, old = after.pose, before.pose
     rotation, root = np.array(pose.rotation), np.array(pose.root_position)
     rotation[:frames] = mean_rotation(old.rotation[:frames], pose.rotation[:frames], share[:, None, None])

@@ -164,7 +164,10 @@ def carried_markers(pose: Pose, seen: SeenMarkers) -> WornMarkers:
     position = np.concatenate([seen.position, seen.centre], axis=1)
     is_seen, markers = np.asarray(np.isfinite(position).all(axis=-1)), seen.position.shape[1]
     columns = np.flatnonzero(is_seen.sum(axis=0) >= _FEWEST)
-    columns = columns[(columns < markers) | np.isin(columns - markers, _centres(skeleton, seen.joints))]
+    columns = columns[
+        (columns < markers)
+        | np.isin(columns - markers, [k for k, name in enumerate(seen.joints) if name in skeleton.joints])
+    ]
     carriers, offsets = [], []
     for marker in columns.tolist():
         if marker >= markers:
@@ -183,11 +186,6 @@ def carried_markers(pose: Pose, seen: SeenMarkers) -> WornMarkers:
     noise = np.concatenate([np.full(markers, MARKER), seen.accuracy])[columns]
     offset = np.array(offsets).reshape(-1, 3)
     return WornMarkers(skeleton, np.array(carriers, dtype=int), offset, deviation, noise, columns)
-
-
-def _centres(skeleton: Skeleton, joints: tuple[str, ...]) -> list[int]:
-    """Return the indices of centres that are joints of a skeleton."""
-    return [k for k, name in enumerate(joints) if name in skeleton.joints]
 
 
 def _carrier(skeleton: Skeleton, spread: Array, offset: Array) -> int:

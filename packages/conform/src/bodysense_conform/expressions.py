@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from bodysense.body.skeleton import default_skeleton
+from bodysense.geometry import series as over_time
 from bodysense_conform import series
 from bodysense_conform.quantities import axes, floor, hands, joints, motion, poses, shape, stream, tracking
 from bodysense_conform.series import Absent, NotEnough
@@ -18,7 +19,7 @@ from bodysense_conform.subject import Subject
 from bodysense_conform.table import Check
 
 # Functions and constants (upper case) of these modules; those whose first argument is the subject get it.
-_MODULES = (series, stream, axes, shape, joints, motion, floor, tracking, poses, hands)
+_MODULES = (over_time, series, stream, axes, shape, joints, motion, floor, tracking, poses, hands)
 _WORDS = {
     word: value
     for module in _MODULES

@@ -7,6 +7,8 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
+from bodysense.geometry.rotation import angle_between
+
 T = TypeVar("T")
 # (T,) a value for each frame, NaN if it has none; (T, P) of each point; a number of the whole subject; or columns of
 # these, by joint, bone or side.
@@ -58,4 +60,4 @@ def dot(u: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 def angle(u: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return degrees (...) between vectors (..., 3)."""
-    return np.degrees(np.arctan2(norm(np.cross(u, v)), dot(u, v)))
+    return np.degrees(angle_between(u, v))

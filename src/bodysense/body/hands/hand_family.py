@@ -28,6 +28,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import (
+    normalize,
     quaternion_canonical,
     quaternion_conjugate,
     quaternion_exp,
@@ -218,7 +219,7 @@ def _turns(part: dict[str, np.ndarray]) -> np.ndarray:
     vector[..., 0, 1:] = 0.0  # the thumb has its own parameters
     about = np.asarray(quaternion_exp(vector * [1.0, 0.0, 0.0]))
     turn = np.asarray(quaternion_multiply(quaternion_exp(vector * [0.0, 1.0, 1.0]), about))
-    tilted = quaternion_exp(part["tilt"][..., :1] * _unit(np.array(_THUMB[0])))
+    tilted = quaternion_exp(part["tilt"][..., :1] * normalize(np.array(_THUMB[0])))
     turn[..., 0, :] = quaternion_multiply(quaternion_exp(part["thumb"]), tilted)
     return turn
 
@@ -228,7 +229,7 @@ def _directions(part: dict[str, np.ndarray]) -> np.ndarray:
     batch = part["size"].shape[:-1]
     directions = np.broadcast_to([1.0, 0.0, 0.0], (*batch, 5, 3, 3)).copy()
     bent = np.asarray(quaternion_exp(part["thumb_bones"].reshape(*batch, 2, 3)))
-    thumb = _unit(np.array(_THUMB))
+    thumb = normalize(np.array(_THUMB))
     directions[..., 0, 0, :] = thumb[0]
     directions[..., 0, 1:, :] = quaternion_rotate(bent, thumb[1:])
     return directions
@@ -242,13 +243,11 @@ def _marker_offsets(part: dict[str, np.ndarray], turn: np.ndarray) -> np.ndarray
         offsets[..., row, :] += np.array(_BACK_MARKERS[name]) + part["back"].reshape(*batch, 3, 3)[..., row, :]
     for row, name in enumerate(MARKERS[3:]):
         finger = FINGERS.index(name.partition("_")[0])
-        along = _unit(np.array(_THUMB[1 if name == "thumb_middle" else 2])) if finger == 0 else np.array([1.0, 0, 0])
+        along = (
+            normalize(np.array(_THUMB[1 if name == "thumb_middle" else 2])) if finger == 0 else np.array([1.0, 0, 0])
+        )
         offsets[..., 3 + row, :] -= part["along"][..., row, None] * quaternion_rotate(turn[..., finger, :], along)
     return offsets
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
 @lru_cache(maxsize=1)

@@ -240,11 +240,6 @@ _DEFAULT_SIZE = hand_size(_HAND)
 _MIDDLE = _HAND.indices(["middle1", "middle2", "middle3", "middle_tip"])
 
 
-def _back(marker_set: GloveSet) -> list[int]:
-    """Return the markers that align frames: those on the back of the hand, or all if there are fewer than three."""
-    return list(marker_set.on_hand if len(marker_set.on_hand) >= 3 else range(len(marker_set.markers)))
-
-
 def _usable_frames(markers: np.ndarray, marker_set: GloveSet) -> np.ndarray:
     """Return the frames with enough markers, enough of them on the back of the hand."""
     known, back = ~np.isnan(markers[..., 0]), list(marker_set.on_hand)
@@ -262,7 +257,8 @@ def _most_different_frames(markers: np.ndarray, marker_set: GloveSet) -> np.ndar
         )
     some = markers[good[np.unique(np.linspace(0, len(good) - 1, 2000).astype(int))]]
     back = np.zeros(some.shape[:2], dtype=bool)
-    back[:, _back(marker_set)] = True
+    # the markers that align frames: those on the back of the hand, or all if there are fewer than three
+    back[:, list(marker_set.on_hand if len(marker_set.on_hand) >= 3 else range(len(marker_set.markers)))] = True
     back &= ~np.isnan(some[..., 0])
     whole = int((~np.isnan(some[..., 0])).sum(axis=1).argmax())
     use = back & ~np.isnan(some[whole, :, 0])

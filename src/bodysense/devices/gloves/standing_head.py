@@ -13,7 +13,7 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
-from bodysense.geometry.rotation import quaternion_rotate
+from bodysense.geometry.rotation import quaternion_exp, quaternion_rotate
 
 ACCURACY = 0.3  # m
 _ARM = ("shoulder", "elbow", "wrist")
@@ -68,7 +68,7 @@ class StandingHead:
         interval = np.inf if state.time is None else now - state.time
         share = 1 - 0.5 ** (interval / _HALF_LIFE)
         heading = self._heading(wrist, turn, known, share, state.heading)
-        yaw = _yaw(heading)
+        yaw = quaternion_exp(np.array([0.0, np.arctan2(heading[0], heading[1]), 0.0]))
         height, shoulders, length = self._standing
         shoulders = quaternion_rotate(np.tile(yaw, (2, 1)), shoulders)
         middle = wrist[known].mean(axis=0)
@@ -108,9 +108,3 @@ class StandingHead:
                 break
             position = position + (away * (excess / np.maximum(distance, 1e-9))[:, None])[excess.argmax()]
         return position
-
-
-def _yaw(heading: np.ndarray) -> np.ndarray:
-    """Return the rotation (4,) about +Y from +Z to a heading (2,)."""
-    half = np.arctan2(heading[0], heading[1]) / 2
-    return np.array([np.cos(half), 0.0, np.sin(half), 0.0])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time as clock
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -14,6 +13,7 @@ import numpy as np
 
 from bodysense.devices.video.silence import silence
 from bodysense.errors import BodysenseError, missing_package
+from bodysense.files import natural_order
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -176,7 +176,9 @@ def _open_folder(path: Path, rate: float) -> Video:
 
     if not rate > 0:
         raise BodysenseError(f"--image-rate {rate:g}: give a rate in Hz, above 0")
-    files = sorted((file for file in path.iterdir() if file.suffix.lower() in IMAGES), key=_natural)
+    files = sorted(
+        (file for file in path.iterdir() if file.suffix.lower() in IMAGES), key=lambda file: natural_order(file.name)
+    )
     if not files:
         raise BodysenseError(f"{path}: the folder has no images; valid are {', '.join(IMAGES)}")
 
@@ -214,11 +216,6 @@ def _open_webcam(index: int) -> Video:
             yield Picture(clock.monotonic() - begun, np.ascontiguousarray(pixels[..., ::-1]))
 
     return Video(f"webcam {index}", float(camera.get(cv2.CAP_PROP_FPS) or 30.0), None, pictures(), camera.release)
-
-
-def _natural(path: Path) -> list[tuple[str, int]]:
-    """Return a sort key that orders frame2 before frame10."""
-    return [(text, int(number or 0)) for text, number in re.findall(r"(\D*)(\d*)", path.name)]
 
 
 def _load(name: str) -> Any:

@@ -26,6 +26,7 @@ from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Literal, get_args
 
 from bodysense.errors import BodysenseError
+from bodysense.files import natural_order
 from bodysense.io.datasets.splits import Split, split_of
 
 if TYPE_CHECKING:  # the command line imports this module, and starts sooner without what reads files
@@ -118,7 +119,7 @@ def _unoc(directory: Path, files: Sequence[MotionFile]) -> list[Labelled]:
             f"{directory}: not laid out as UNOC's release: there is no folder 'merged bvh' in it; give the folder that "
             "holds the participants' folders"
         )
-    order = sorted(set(people.values()), key=_natural)
+    order = sorted(set(people.values()), key=natural_order)
     split: dict[str, Split] = {person: _unoc_split(order, k) for k, person in enumerate(order)}
     return [Labelled(file, person, split[person], rest="found") for file, person in people.items()]
 
@@ -180,8 +181,3 @@ def _person(file: MotionFile, directory: Path) -> str:
         return f"{folders[0]}_{folders[1]}"
     subject = _SUBJECT.search(file.place.stem)
     return folders[0] if folders else subject[0] if subject else file.place.stem.partition("_")[0]
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Return a sort key for names with numbers: P2 before P10."""
-    return [(int(part), "") if part.isdigit() else (-1, part.lower()) for part in re.split(r"(\d+)", name)]

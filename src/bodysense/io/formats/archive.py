@@ -102,7 +102,11 @@ def motion_files(directory: Path) -> list[MotionFile]:
                 members = _members(path)
             except _BROKEN:
                 members = []
-            files += [MotionFile(path, member) for member in members if not _is_unpacked(path, member)]
+            files += [
+                MotionFile(path, member)
+                for member in members
+                if not any((folder / member).is_file() for folder in (path.parent, path.with_suffix("")))
+            ]
             files += [] if members else [MotionFile(path)]
     return sorted(set(files))
 
@@ -117,10 +121,6 @@ def _members(path: Path) -> list[str]:
 def _is_shadow(path: PurePath) -> bool:
     """Whether the file is a resource fork that macOS writes next to others."""
     return path.name.startswith("._") or "__MACOSX" in path.parts
-
-
-def _is_unpacked(path: Path, member: str) -> bool:
-    return (path.parent / member).is_file() or (path.with_suffix("") / member).is_file()
 
 
 def _only_member(path: Path) -> str:

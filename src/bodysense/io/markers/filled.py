@@ -87,11 +87,8 @@ def _split(line: str, delimiter: str) -> list[str]:
     line = line.rstrip("\r\n")
     if '"' not in line:
         return line.split(delimiter)
-    return [part.replace("\0", delimiter) for part in _unquoted(line, delimiter).split(delimiter)]
-
-
-def _unquoted(line: str, delimiter: str) -> str:
-    return re.sub(r'"[^"]*"', lambda match: match[0].replace(delimiter, "\0"), line)
+    unquoted = re.sub(r'"[^"]*"', lambda match: match[0].replace(delimiter, "\0"), line)
+    return [part.replace("\0", delimiter) for part in unquoted.split(delimiter)]
 
 
 def _replaced(cell: str, number: str, delimiter: str) -> str:

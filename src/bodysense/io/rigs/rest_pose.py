@@ -26,8 +26,10 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.geometry.rotation import (
+    angle_between,
     geodesic_angle,
     matrix_to_quaternion,
+    normalize,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_multiply,
@@ -79,7 +81,7 @@ def standing_rest(clip: Clip, match: Mapping[str, int]) -> Stance:
     frames = np.arange(0, len(clip), max(1, len(clip) // CANDIDATES))
     place = _places(clip.pose[frames], index)
     best = int(np.argmin(_crookedness(place)))
-    torso = float(_angle(place["neck"][best] - place["pelvis"][best], _UP))
+    torso = float(angle_between(place["neck"][best] - place["pelvis"][best], _UP))
     return Stance(_looking_ahead(clip.pose[int(frames[best])], index), torso)
 
 
@@ -102,13 +104,13 @@ def by_name(values: np.ndarray, index: Mapping[str, int]) -> Vectors:
 def _stands(place: Vectors) -> bool:
     """Whether a rest pose, whatever its up axis, is standing: legs down, arms not over the head, within 60°."""
     upper = "shoulder" if "left_shoulder" in place else "hip"
-    across = _unit(place[f"left_{upper}"] - place[f"right_{upper}"])
-    up = _unit(place["neck"] - (_middle(place, "hip") if "left_hip" in place else place["pelvis"]))
+    across = normalize(place[f"left_{upper}"] - place[f"right_{upper}"])
+    up = normalize(place["neck"] - (_middle(place, "hip") if "left_hip" in place else place["pelvis"]))
     directions = [(up, np.cross(np.cross(across, up), across))]
     for side, out in (("left", across), ("right", -across)):
         ways = {**dict.fromkeys(_LEG, -up), ("shoulder", "elbow"): out - up}
         directions += [(bone, wanted) for ends, wanted in ways.items() for bone in _bone(place, side, *ends)]
-    return all(float(_angle(found, wanted)) < np.deg2rad(60.0) for found, wanted in directions)
+    return all(float(angle_between(found, wanted)) < np.deg2rad(60.0) for found, wanted in directions)
 
 
 def _bone(place: Vectors, side: str, start: str, end: str) -> list[np.ndarray]:
@@ -124,18 +126,18 @@ def _middle(place: Vectors, part: str) -> np.ndarray:
 def _crookedness(place: Vectors) -> np.ndarray:
     """Return the distance (T,) of a body from standing straight: squared angles, summed."""
     across = across_of(place)
-    angles = [_angle(place["neck"] - place["pelvis"], _UP)]
+    angles = [angle_between(place["neck"] - place["pelvis"], _UP)]
     if "left_shoulder" in place:
-        angles.append(_angle(place["left_shoulder"] - place["right_shoulder"], across))
+        angles.append(angle_between(place["left_shoulder"] - place["right_shoulder"], across))
     if "head" in place:
-        angles.append(_angle(place["head"] - place["neck"], _UP))
+        angles.append(angle_between(place["head"] - place["neck"], _UP))
     if all(eye in place for eye in _EYES):
-        angles.append(_angle(place[_EYES[0]] - place[_EYES[1]], across))
+        angles.append(angle_between(place[_EYES[0]] - place[_EYES[1]], across))
     for side, out in (("left", across), ("right", -across)):
-        angles += [_angle(bone, -_UP) for ends in _LEG for bone in _bone(place, side, *ends)]
+        angles += [angle_between(bone, -_UP) for ends in _LEG for bone in _bone(place, side, *ends)]
         for upper in _bone(place, side, "shoulder", "elbow"):
-            angles.append(np.minimum(_angle(upper, out), _angle(upper, -_UP) + HANGING))
-            angles += [_angle(bone, upper) for bone in _bone(place, side, "elbow", "wrist")]
+            angles.append(np.minimum(angle_between(upper, out), angle_between(upper, -_UP) + HANGING))
+            angles += [angle_between(bone, upper) for bone in _bone(place, side, "elbow", "wrist")]
     return np.sum(np.square(angles), axis=0)
 
 
@@ -159,16 +161,7 @@ def _looking_ahead(pose: Pose, index: dict[str, int]) -> Pose:
 def across_of(place: Vectors) -> np.ndarray:
     """Return the horizontal unit vector from the right hip to the left one, or from shoulder to shoulder."""
     part = "hip" if "left_hip" in place else "shoulder"
-    return _unit((place[f"left_{part}"] - place[f"right_{part}"]) * np.array([1.0, 0.0, 1.0]))
-
-
-def _unit(vector: np.ndarray) -> np.ndarray:
-    return vector / np.maximum(np.linalg.norm(vector, axis=-1, keepdims=True), 1e-9)
-
-
-def _angle(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return angles (...) between vectors (..., 3), radians."""
-    return np.arctan2(np.linalg.norm(np.cross(u, v), axis=-1), np.sum(u * v, axis=-1))
+    return normalize((place[f"left_{part}"] - place[f"right_{part}"]) * np.array([1.0, 0.0, 1.0]))
 
 
 # --- alignment ---
@@ -194,7 +187,7 @@ def alignment(place: Vectors, parents: Mapping[str, str], *, exactly: bool = Fal
         elif len(children) == 1:
             bone = quaternion_rotate(turn, place[children[0]] - place[name])
             wanted = np.broadcast_to(default[children[0]] - default[name], bone.shape)
-            aligned, off = quaternion_multiply(shortest_arc(bone, wanted), turn), _angle(bone, wanted)
+            aligned, off = quaternion_multiply(shortest_arc(bone, wanted), turn), angle_between(bone, wanted)
         else:
             continue
         tolerance = LIMB_TOLERANCE if any(limb in name for limb in _LIMBS) else OTHER_TOLERANCE

@@ -114,12 +114,6 @@ def drift(subject: Subject) -> Series:
     return np.where(keeps, 100 * least, np.nan)
 
 
-def unflipped(turn: np.ndarray) -> np.ndarray:
-    """Return rotations (T, 4) with the signs that make them continuous."""
-    flips = np.where(dot(turn[1:], turn[:-1]) < 0, -1.0, 1.0)
-    return turn * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
-
-
 def noise(subject: Subject, values: np.ndarray, slow: float) -> np.ndarray:
     """Noise of a signal (T, n) in each direction while it rests, slower than `slow` a second; its median counts.
 

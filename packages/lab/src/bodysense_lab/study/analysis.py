@@ -20,7 +20,7 @@ import numpy as np
 from scipy import stats
 
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import write_json
 
 Condition = Literal["truth", "ours", "baseline"]
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
@@ -76,7 +76,7 @@ def draw_key(scenes: Sequence[str], generator: np.random.Generator) -> StudyKey:
 
 def write_key(path: Path, key: StudyKey) -> None:
     """Write a key as JSON."""
-    _write(path, {"format": KEY_FORMAT, "study": key.study, "scenes": key.scenes})
+    write_json(path, {"format": KEY_FORMAT, "study": key.study, "scenes": key.scenes})
 
 
 def read_key(path: Path) -> StudyKey:
@@ -177,12 +177,7 @@ def write_simulated_answers(
                 rows.append({"left": clip_of[left], "right": clip_of[right], "choice": rng.choice(list(SIGNS), p=odds)})
         rater = f"simulated-{number:03d}"
         answers = {"format": ANSWERS_FORMAT, "study": key.study, "rater": rater, "answers": rows}
-        _write(folder / f"answers-{rater}.json", answers)
-
-
-def _write(path: Path, content: Mapping[str, Any]) -> None:
-    with written_beside(path) as beside:
-        beside.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+        write_json(folder / f"answers-{rater}.json", answers)
 
 
 def _read(path: Path, form: str, fix: str) -> dict[str, Any]:

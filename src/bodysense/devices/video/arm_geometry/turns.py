@@ -14,6 +14,7 @@ import numpy as np
 from bodysense.body.arms import ARM_JOINTS, HAND_POINTS, SIDES
 from bodysense.body.skeleton import ARM, Skeleton
 from bodysense.geometry.rotation import (
+    angle_about,
     matrix_to_quaternion,
     normalize,
     quaternion_canonical,
@@ -56,7 +57,7 @@ def align_arms(turned: np.ndarray, bones: np.ndarray, lines: np.ndarray) -> np.n
     bent = np.asarray(quaternion_rotate(quaternion_multiply(swung, quaternion_conjugate(upper)), bones[:, 1]))
     along = lines[:, 0]
     before, after = _across(bent, along), _across(lines[:, 1], along)
-    angle = np.arctan2((np.cross(before, after) * along).sum(axis=-1), (before * after).sum(axis=-1))
+    angle = angle_about(along, before, after)
     sine = np.minimum(np.linalg.norm(before, axis=-1), np.linalg.norm(after, axis=-1))
     share = sine**2 / (sine**2 + _BENT**2)
     result[_UPPER] = quaternion_multiply(quaternion_exp(along * (share * angle)[:, None]), swung)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bodysense.geometry.rotation import normalize
+from bodysense.geometry.series import continuous
 
 TIME_TOLERANCE = 1e-6  # s, or frames; times that differ less are equal
 
@@ -53,8 +54,7 @@ def smooth_window(window: dict[str, np.ndarray], time: np.ndarray, deviation: fl
     for name in ("arm", "torso", "hand"):
         values, mask = window[name], window[f"has_{name}"]
         if name == "torso":
-            before = np.concatenate([[1.0], np.where((values[1:] * values[:-1]).sum(axis=-1) < 0, -1.0, 1.0)])
-            values = values * np.cumprod(before)[:, None]
+            values = continuous(values)
         flat = np.where(_shaped_as(mask, values), values, 0.0)
         weight = np.tensordot(near, mask.astype(float), axes=1)
         mean = np.tensordot(near, flat, axes=1) / np.maximum(_shaped_as(weight, values), 1e-9)

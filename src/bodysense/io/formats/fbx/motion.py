@@ -128,7 +128,7 @@ def parse_fbx(data: bytes, path: Path, animation: str | None = None, skin: str |
     if not np.isfinite(local).all() or np.abs(local).max() > HUGE:
         raise BodysenseError(f"{path}: its animation is not all finite; export it again")
     if (axis := _mirrored_axis(axes)) is not None:
-        skeleton, local, axes = _unmirrored(skeleton, local, axis), _flip(local, axis), _flip_axes(axes)
+        skeleton, local, axes = _unmirrored(skeleton, local, axis), _flip(local, axis), (axes[0] ^ 1, axes[1], axes[2])
     if axes not in _FACING.values() and _UNKNOWN not in axes:
         facing = _FACING[_AXES[axes[1]]]
         turn = matrix_to_quaternion(_directions(facing).T @ _directions(axes))
@@ -217,10 +217,6 @@ def _mirrored_axis(axes: Axes) -> int | None:
 def _directions(axes: Axes) -> np.ndarray:
     """Return right, up and front (3, 3) in the file's world."""
     return np.array([np.eye(3)[axis // 2] * (1 - 2 * (axis % 2)) for axis in axes])
-
-
-def _flip_axes(axes: Axes) -> Axes:
-    return axes[0] ^ 1, axes[1], axes[2]
 
 
 def _flip(local: np.ndarray, axis: int) -> np.ndarray:

@@ -18,6 +18,8 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.body.skin import COLORS, fit_skin
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
+from bodysense.geometry.rotation import normalize
+from bodysense.geometry.series import continuous
 from bodysense.io.clip import Clip
 from bodysense.io.formats.gltf.file import BINARY, JSON
 
@@ -127,10 +129,13 @@ def write_glb(path: str | Path, clip: Clip, names: tuple[str, ...] | None = None
     joint, weight = np.zeros((2, len(mesh.joint), 4), dtype="u1")
     joint[:, 0], weight[:, 0] = mesh.joint, 255
     color = np.full((len(mesh.joint), 4), 255, dtype="u1")
-    color[:, :3] = np.round(255 * _linear(mesh.color))
+    # glTF requires linear colours of vertices, not sRGB
+    color[:, :3] = np.round(
+        255 * np.where(mesh.color <= 0.04045, mesh.color / 12.92, ((mesh.color + 0.055) / 1.055) ** 2.4)
+    )
     attributes = {
         "POSITION": arrays.add_bounded(mesh.position.astype("<f4"), _VERTICES),
-        "NORMAL": arrays.add(_unit(mesh.normal), _VERTICES),
+        "NORMAL": arrays.add(normalize(mesh.normal).astype("<f4"), _VERTICES),
         "COLOR_0": arrays.add(color, _VERTICES, normalized=True),
         "JOINTS_0": arrays.add(joint, _VERTICES),
         "WEIGHTS_0": arrays.add(weight, _VERTICES, normalized=True),
@@ -174,9 +179,9 @@ def animation(clip: Clip, joints: Any, arrays: Arrays) -> dict[str, Any]:
     samplers = [{"input": times, "output": arrays.add(np.asarray(clip.pose.root_position).astype("<f4"))}]
     channels: list[dict[str, Any]] = [{"sampler": 0, "target": {"node": 0, "path": "translation"}}]
     for joint in joints:
-        turns = _continuous(np.asarray(clip.pose.rotation[:, joint], dtype=float))[:, [1, 2, 3, 0]]
+        turns = continuous(np.asarray(clip.pose.rotation[:, joint], dtype=float))[:, [1, 2, 3, 0]]
         channels.append({"sampler": len(samplers), "target": {"node": joint, "path": "rotation"}})
-        samplers.append({"input": times, "output": arrays.add(_unit(turns))})
+        samplers.append({"input": times, "output": arrays.add(normalize(turns).astype("<f4"))})
     return {"name": clip.name, "samplers": samplers, "channels": channels}
 
 
@@ -195,19 +200,3 @@ def write_binary(path: str | Path, document: dict[str, Any], arrays: Arrays) -> 
         file.write(struct.pack("<II", len(text), JSON) + text)
         file.write(struct.pack("<II", len(arrays.binary), BINARY))
         file.write(arrays.binary)
-
-
-def _continuous(rotation: np.ndarray) -> np.ndarray:
-    """Return rotations (T, 4) with signs chosen so that each quaternion is close to the one before."""
-    flips = np.sign((rotation[1:] * rotation[:-1]).sum(axis=-1, keepdims=True))
-    flips[flips == 0] = 1
-    return np.concatenate([rotation[:1], rotation[1:] * np.cumprod(flips, axis=0)])
-
-
-def _unit(values: np.ndarray) -> np.ndarray:
-    return (values / np.linalg.norm(values, axis=-1, keepdims=True)).astype("<f4")
-
-
-def _linear(color: np.ndarray) -> np.ndarray:
-    """Convert sRGB colours to linear ones, as glTF requires for vertices."""
-    return np.where(color <= 0.04045, color / 12.92, ((color + 0.055) / 1.055) ** 2.4)

@@ -49,7 +49,10 @@ def read_c3d(path: Path, unit: Unit | None = None) -> RawMarkers:
     names, kept = _places(parameters, block.count)
     time = np.arange(len(position)) / block.rate
     more = (block.there - block.frames) * block.row
-    unread = () if more < _SPARE else (_unread(block),)
+    unread: tuple[str, ...] = ()
+    if more >= _SPARE:
+        announced = f"{block.frames} frames are announced and read, but the file has data of {block.there}"
+        unread = (f"{announced}; to read all, export it with POINT:LONG_FRAMES, or as .trc",)
     chosen = tuple(names[k] for k in kept)
     axes = _axes(path, parameters)
     return RawMarkers(chosen, position[:, kept], time, block.rate, unit, axes, warnings=unread)
@@ -113,14 +116,6 @@ class PointBlock:
         if np.abs(steps).max() > 32767:
             raise BodysenseError(f"{path}: a filled marker is beyond its whole numbers; export it with reals")
         return steps.astype(f"{mark}i2").tobytes()
-
-
-def _unread(block: PointBlock) -> str:
-    """Return a warning about frames that a file has and does not announce."""
-    return (
-        f"{block.frames} frames are announced and read, but the file has data of {block.there}; to read all, export it "
-        "with POINT:LONG_FRAMES, or as .trc"
-    )
 
 
 def _opened(path: Path) -> tuple[bytes, Parameters, int]:

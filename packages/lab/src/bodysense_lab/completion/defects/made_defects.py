@@ -15,8 +15,8 @@ from bodysense.geometry.rotation import (
     quaternion_canonical,
     quaternion_exp,
     quaternion_multiply,
-    smooth_step,
 )
+from bodysense.geometry.series import fade_out
 from bodysense.io.clip import Clip
 from bodysense.quality.foot_defects import foot_motion
 from bodysense.quality.joint_defects import LIMBS
@@ -111,7 +111,7 @@ def slide(clip: Clip, rng: np.random.Generator) -> MadeDefect | None:
         drift = np.zeros(len(clip))
         drift[first : first + count] = (np.arange(count) + 1) * speed / clip.frame_rate
         drift[first + count : stop] = drift[first + count - 1]
-        drift[stop : stop + fade] = drift[stop - 1] * (1 - smooth_step((np.arange(fade) + 1) / (fade + 1)))
+        drift[stop : stop + fade] = drift[stop - 1] * fade_out(fade)
         wanted = place[:, clip.pose.skeleton.index(f"{side}_ankle")]
         wanted = wanted + drift[:, None] * [np.cos(angle), 0.0, np.sin(angle)]
         made = _with_ankle(clip, side, wanted, drift > 0)

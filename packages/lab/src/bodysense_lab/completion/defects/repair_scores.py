@@ -41,13 +41,10 @@ def score_repair(
         if clip.seconds >= SHORTEST:
             at_rate = resample(clip, RATE)
             begin = int(rng.integers(0, max(1, len(at_rate) - round(SECONDS * RATE))))
-            _score_clip(_cut(at_rate, begin), rng, scores)
+            piece = at_rate.pose[begin : begin + round(SECONDS * RATE)]
+            _score_clip(Clip(at_rate.name, piece, at_rate.frame_rate, at_rate.person), rng, scores)
         advance(clip)
     return scores
-
-
-def _cut(clip: Clip, begin: int) -> Clip:
-    return Clip(clip.name, clip.pose[begin : begin + round(SECONDS * RATE)], clip.frame_rate, clip.person)
 
 
 def _score_clip(clip: Clip, rng: np.random.Generator, scores: RepairScores) -> None:

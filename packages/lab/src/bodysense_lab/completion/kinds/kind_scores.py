@@ -89,7 +89,8 @@ def score_kind(job: KindJob, scenes: Sequence[TrackedScene], track: TrackPeople)
         seen = [scene.observe(observed_set(sensors)) for scene in scenes]
         counted = [np.ones(len(scene), dtype=bool) for scene in scenes]
         if job.loses:
-            counted = [_lost_frames(len(scene)) for scene in scenes]
+            # the head is lost for a second at a time, after three seconds
+            counted = [np.arange(len(scene)) / RATE % _EVERY >= _EVERY - _LOST for scene in scenes]
             seen = [_without_head(one, frames, job.loses) for one, frames in zip(seen, counted, strict=True)]
         tracked = track(people, seen)
         found += [_score(*one) for one in zip(scenes, seen, tracked, counted, strict=True)]
@@ -113,11 +114,6 @@ def _score(scene: TrackedScene, seen: Observation, tracked: TrackedMotion, count
 def _filtered(sensors: SensorSet, keep: Callable[[str], bool]) -> SensorSet:
     position, rotation = (tuple(filter(keep, names)) for names in (sensors.position, sensors.rotation))
     return replace(sensors, position=position, rotation=rotation)
-
-
-def _lost_frames(frames: int) -> np.ndarray:
-    """Return frames (T,), bool, in which the head is lost: a second at a time, after three seconds."""
-    return np.arange(frames) / RATE % _EVERY >= _EVERY - _LOST
 
 
 def _without_head(seen: Observation, frames: np.ndarray, loses: str) -> Observation:
@@ -188,14 +184,11 @@ def _edge_remarks(edges: Sequence[EdgeScore]) -> Iterator[str]:
     worse = sorted((edge for edge in edges if edge.violates), key=lambda edge: -edge.more / edge.fewer)
     yield f"One sensor more is worse by over {TOLERANCE:.0%} in {len(worse)} of {len(edges)} random pairs."
     for one in worse[:8]:
-        names = ", ".join(_describe(one.edge.fewer))
+        names = ", ".join(
+            f"{name} ({'p' * (name in one.edge.fewer.position)}{'r' * (name in one.edge.fewer.rotation)})"
+            for name in one.edge.fewer.points
+        )
         yield f"{one.fewer:.1f} → {one.more:.1f} cm with {one.edge.kind} of {one.edge.sensor}, added to {names}"
-
-
-def _describe(sensors: SensorSet) -> Iterator[str]:
-    for name in sensors.points:
-        parts = ("p" if name in sensors.position else "") + ("r" if name in sensors.rotation else "")
-        yield f"{name} ({parts})"
 
 
 def score_all(

@@ -82,13 +82,10 @@ def _headset(rng: np.random.Generator) -> SensorSet:
     share = rng.uniform(0, _MOST)
     for part in LATTICE_PARTS:
         if rng.uniform() < share:
-            kind, names = KINDS[int(rng.choice(len(KINDS), p=_KIND_SHARES))], _joints_of(part)
+            kind = KINDS[int(rng.choice(len(KINDS), p=_KIND_SHARES))]
+            names = (part,) if part in ("pelvis", "spine3") else (f"left_{part}", f"right_{part}")
             if rng.uniform() >= _BOTH_SIDES_SHARE:
                 names = (names[int(rng.integers(len(names)))],)
             for name in names:
                 sensors = with_sensor(sensors, name, kind)
     return sensors
-
-
-def _joints_of(part: str) -> tuple[str, ...]:
-    return (part,) if part in ("pelvis", "spine3") else (f"left_{part}", f"right_{part}")

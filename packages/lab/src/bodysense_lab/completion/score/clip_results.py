@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import write_json, written_beside
 from bodysense.io.clip import Clip
 from bodysense_lab.completion.score.scenes import Truth
 from bodysense_lab.completion.score.scores import Calibration, RunningScores
@@ -50,8 +50,7 @@ class ClipResults:
                     )
         else:
             folder.mkdir(parents=True, exist_ok=True)
-            with written_beside(path) as beside:
-                beside.write_text(json.dumps(wanted, indent=1), encoding="utf-8")
+            write_json(path, wanted)
         return cls(folder, resumed)
 
     def load(self, clip: Clip, truth: Truth, settings: CompletionSettings) -> CompletionTable | None:
@@ -76,7 +75,10 @@ def _arrays(table: CompletionTable) -> dict[str, np.ndarray]:
     """Return a table of one clip as arrays: means as JSON in `rows`, histograms and curves as KIND/KEY/NAME."""
     rows: dict[str, Any] = {"worst": [asdict(one) for one in table.worst]}
     for field in _MEANS:
-        rows[field] = [[*key, _row(one)] for key, one in getattr(table, field).items()]
+        rows[field] = [
+            [*key, {name: (one.total[name], weight) for name, weight in one.weight.items()}]
+            for key, one in getattr(table, field).items()
+        ]
     rows["sights"] = [[*key, {}] for key in table.cells]  # earlier versions stored these means apart
     arrays = {
         "/".join((kind, *key, name)): values
@@ -103,7 +105,3 @@ def _from_arrays(stored: Mapping[str, np.ndarray], settings: CompletionSettings)
             found = getattr(table, "calibrations" if kind == "calibration" else "cells")
             found.setdefault(tuple(key), Calibration()).sums[kind, name] = stored[path]
     return table
-
-
-def _row(scores: RunningScores) -> dict[str, tuple[float, float]]:
-    return {name: (scores.total[name], weight) for name, weight in scores.weight.items()}

@@ -14,6 +14,7 @@ from bodysense.devices.video.landmarks import Landmarker, LandmarkerSettings
 from bodysense.devices.video.person import PersonLandmarks, PersonState, arm_keypoints, follow, joined_landmarks
 from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
+from bodysense.geometry.series import smoothed
 from bodysense.io.clip import Clip
 from bodysense.io.resample import at_constant_rate
 from bodysense.sources.open import MotionSource, Opened, VideoSource
@@ -53,10 +54,8 @@ def seen_from_front(clip: Clip) -> ArmKeypoints:
 
     The camera follows the person, as people film: it turns and travels with the course of the last and next second.
     """
-    from scipy.ndimage import gaussian_filter1d
-
     points = view_points(clip.pose)
-    course = gaussian_filter1d(points, FOLLOWING * clip.frame_rate, axis=0, mode="nearest")
+    course = smoothed(points, FOLLOWING * clip.frame_rate)
     cameras = sample_cameras(course, np.random.default_rng(0), FRONT)
     seen = view(points[:, None], clip.time[:1], cameras)  # a camera a frame
     return ArmKeypoints(clip.time, *(getattr(seen, name)[:, 0] for name in list(vars(seen))[1:]))

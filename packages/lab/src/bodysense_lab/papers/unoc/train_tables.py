@@ -19,7 +19,7 @@ from lightning_fabric import Fabric
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
-from bodysense.files import make_folder, written_beside
+from bodysense.files import make_folder, write_json
 from bodysense.parallel import worker_pool
 from bodysense_lab.core.checkpoint import identity, write_weights_file
 from bodysense_lab.core.fit import Report, announce_run, figures_line, fit, launch_fabric, set_seed_and_threads
@@ -151,12 +151,8 @@ def train_network(run: TablesTraining, name: str, report: Report, fabric: Fabric
     scores = fit(task, run.out / f"{name}.ckpt", report, fabric, report)
     if fabric.is_global_zero:
         write_weights_file(network.cpu(), run.out / f"{name}.pt", {})
-        with written_beside(run.out / f"{name}.json") as beside:
-            trained = {
-                "identity": identity(config, schedule, run.trial_settings or None),
-                "seconds": time.monotonic() - begun,
-            }
-            beside.write_text(json.dumps(trained), encoding="utf-8")
+        trained = identity(config, schedule, run.trial_settings or None)
+        write_json(run.out / f"{name}.json", {"identity": trained, "seconds": time.monotonic() - begun})
     fabric.barrier()
     return f"trained {VARIANTS[name].title}: {task.steps} steps; occluded RMSJPE, cm: {figures_line(scores, 2)}"
 

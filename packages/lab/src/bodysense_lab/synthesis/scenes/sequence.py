@@ -113,7 +113,7 @@ def sequence(
     draw = Draw(rng, margin)
     offset = draw_body(draw) if rest_offset is None else rest_offset
     script = Script.begin(frame_of(offset), draw)
-    for side, posture in enumerate(_first_arms(draw)):
+    for side, posture in enumerate(arm_postures.EVERYDAY[int(draw.rng.integers(len(arm_postures.EVERYDAY)))](draw)):
         script.arm(side, posture, 0.0, 0.0)
     script.clock = _LEAST_BEFORE
     seconds, names = frames / rate, []
@@ -150,10 +150,6 @@ def draw_body(draw: Draw) -> np.ndarray:
         offset = space.offsets(np.clip(draw.rng.standard_normal(space.size), -limit, limit))
         if SHORTEST <= float(stature(offset)) <= TALLEST:
             return offset
-
-
-def _first_arms(draw: Draw) -> arm_postures.PAIR:
-    return arm_postures.EVERYDAY[int(draw.rng.integers(len(arm_postures.EVERYDAY)))](draw)
 
 
 def _planted(script: Script, time: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 from bodysense.body.hands.hand import Side, glove_hands, hand_skeleton
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.markers.body_layout import MarkerLayout
-from bodysense.io.markers.raw_markers import FileWorld, MarkerFormat, points_alone, world_of
+from bodysense.io.markers.raw_markers import MarkerFormat, points_alone, world_of
 from bodysense.io.markers.stream import StreamLayout
 from bodysense.observing.observation import FARTHEST, Observation
 from bodysense.observing.points import joined_points
@@ -115,7 +115,7 @@ class LiveMarkers:
             with np.errstate(invalid="ignore"):
                 found.append(self.layout.observe(self._columns, frame.position[None], rotation, time))
         if self._labeller is not None:
-            world = self._world(frame)
+            world = self.layout.world if self.layout is not None else world_of(raw_of([frame]), self._form)
             found.append(self._labeller.label(world.to_ours(frame.unnamed), frame.time))
         if not found:
             return None
@@ -125,9 +125,6 @@ class LiveMarkers:
         far = ~(np.abs(np.nan_to_num(observation.position)).max(axis=-1) < FARTHEST)
         observation.has_position[far] = False
         return observation
-
-    def _world(self, frame: StreamFrame) -> FileWorld:
-        return self.layout.world if self.layout is not None else world_of(raw_of([frame]), self._form)
 
 
 class _Labeller:

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from bodysense.geometry.gaps import runs
-from bodysense.geometry.rotation import quaternion_conjugate, quaternion_rotate
+from bodysense.geometry.rotation import angle_between, quaternion_conjugate, quaternion_rotate
 from bodysense.quality.metrics import vector_length
 
 FAST = 1.0  # m/s; faster hidden points are checked for freezing
@@ -99,9 +99,7 @@ def floating_frames(balls: np.ndarray, truth: np.ndarray, ball_rest: float) -> n
 
 def knee_flexion(hip: np.ndarray, knee: np.ndarray, ankle: np.ndarray) -> np.ndarray:
     """Return the angle (...,) between thigh and shin, degrees, for points (..., 3); 0: straight."""
-    thigh, shin = knee - hip, ankle - knee
-    scale = np.maximum(vector_length(thigh) * vector_length(shin), 1e-12)
-    return np.degrees(np.arccos(np.clip((thigh * shin).sum(axis=-1) / scale, -1, 1)))
+    return np.degrees(angle_between(knee - hip, ankle - knee))
 
 
 def backward_knees(rotation: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bodysense.files import written_beside
+from bodysense.files import write_json
 from bodysense.takes.last_known import KNOWN
 from bodysense_lab.core.scoring import Tally
 from bodysense_lab.core.tallies import Tallies
@@ -52,9 +52,7 @@ def write_scores(path: Path, scores: Scores, identity: Mapping[str, Any]) -> Non
     """Write scores with what they depend on."""
     tallies = {"/".join(key): _sums(tally) for key, tally in scores.tallies.items()}
     census = asdict(scores.census) | {"people": sorted(scores.census.people)}
-    with written_beside(path) as beside:
-        kept = {"identity": identity, "census": census, "tallies": tallies}
-        beside.write_text(json.dumps(kept, indent=1), encoding="utf-8")
+    write_json(path, {"identity": identity, "census": census, "tallies": tallies})
 
 
 def read_scores(path: Path, identity: Mapping[str, Any]) -> Scores | None:

@@ -16,7 +16,8 @@ def hide_hands(observation: Observation, per_minute: float, rng: np.random.Gener
     hidden = np.zeros(observation.has_position.shape, dtype=bool)
     duration = float(observation.time[-1] - observation.time[0])
     for side in ("left", "right"):
-        hand = [point for point, name in enumerate(observation.points) if _is_hand(name, side)]
+        parts = tuple(f"{side}_{part}" for part in ("wrist", *FINGERS))
+        hand = [point for point, name in enumerate(observation.points) if name.startswith(parts)]
         for _ in range(rng.poisson(per_minute * duration / 60)):
             begin = observation.time[0] + rng.uniform(0, duration)
             # Short losses are more common than long ones: log-uniform.
@@ -24,7 +25,3 @@ def hide_hands(observation: Observation, per_minute: float, rng: np.random.Gener
             lost = (observation.time >= begin) & (observation.time < end)
             hidden[:, hand] |= lost[:, None]
     return hide(observation, hidden)
-
-
-def _is_hand(name: str, side: str) -> bool:
-    return name.startswith(tuple(f"{side}_{part}" for part in ("wrist", *FINGERS)))
