@@ -6,7 +6,7 @@ import itertools
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
@@ -57,8 +57,13 @@ class Ended(Exception):
 
 
 @pytest.fixture
-def workers_in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+def workers_in_threads(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Draw in threads: each process would import PyTorch."""
+    workers: list[Worker] = []
+
+    def started(**given: Any) -> Worker:
+        workers.append(Worker(**given))
+        return workers[-1]
 
     def write(path: Path, sequences: list[Sequence]) -> None:
         worker = threading.current_thread()
@@ -68,9 +73,13 @@ def workers_in_threads(monkeypatch: pytest.MonkeyPatch) -> None:
                 raise Ended
             write_block(path, sequences)
 
-    monkeypatch.setattr(drawing_module, "get_context", lambda method: SimpleNamespace(Process=Worker))
+    monkeypatch.setattr(drawing_module, "get_context", lambda method: SimpleNamespace(Process=started))
     monkeypatch.setattr(drawing_module, "end_with_parent", lambda: None)
     monkeypatch.setattr(drawing_module, "write_block", write)
+    yield
+    for worker in workers:
+        worker.join(10)
+        assert not worker.is_alive()
 
 
 @pytest.mark.usefixtures("workers_in_threads")
