@@ -139,11 +139,8 @@ def place_head(seen: Tracked, before: np.ndarray | None) -> None:
 
 
 def read_head(seen: Tracked, course: np.ndarray) -> None:
-    """Give a head the rotation that the network reads: none without a place, the likeliest if it is not turned."""
-    if not seen.has_position[HEAD]:
-        seen.has_rotation[HEAD] = False
-        return
-    if seen.has_rotation[HEAD]:
+    """Give a head that is placed but not turned the likeliest rotation, which the network reads."""
+    if seen.has_rotation[HEAD] or not seen.has_position[HEAD]:
         return
     left, right = ([at(f"{side}_{name}") for name in ("hip", "shoulder", "ankle")] for side in ("left", "right"))
     lines = [
