@@ -111,11 +111,6 @@ def parts(name: str) -> frozenset[str]:
     return frozenset()
 
 
-def every_part(name: str) -> set[str]:
-    """Return the parts that any word of a name may mean: elbow and wrist of 'forearm_hand'."""
-    return {part for word in words(name) for part in PARTS.get(word, ())}
-
-
 def part_word(name: str) -> str:
     """Return the word of a name that means a part: a finger's, or else the longest, of two the last; or ''."""
     known = [word for word in words(name) if word in PARTS]
@@ -143,21 +138,6 @@ def side_of(name: str) -> str:
     """Return 'left' or 'right' from a name; '' if it names neither, or both."""
     left, right = (not side.isdisjoint(words(name)) for side in (_LEFT, _RIGHT))
     return "" if left == right else "left" if left else "right"
-
-
-def first_is_left(one: Sequence[str], other: Sequence[str]) -> int:
-    """Return 1 if the first of two mirrored chains of names is left, -1 if it is right, 0 if unknown."""
-    votes = sum(_is_left(a, b) for a, b in zip(one, other, strict=False))
-    return (votes > 0) - (votes < 0)
-
-
-def _is_left(a: str, b: str) -> int:
-    """Return the sign of `first_is_left` for two names, by a word of each or by their first different letter."""
-    for left, right, sign in ((a, b, 1), (b, a, -1)):
-        if a != b and _LEFT & set(words(left)) and _RIGHT & set(words(right)):
-            return sign
-    differing = next(((x.lower(), y.lower()) for x, y in zip(a, b, strict=False) if x != y), None)
-    return {("l", "r"): 1, ("r", "l"): -1}.get(differing or ("", ""), 0)
 
 
 # --- lists of names ---
