@@ -34,6 +34,7 @@ _VERTEBRAE = frozenset(("l5", "l3", "t12", "t8"))  # whole names in Xsens files
 
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
 _NAMESPACE = re.compile(r"^.*[:|]")  # mixamorig7:, Armature|
+_SHORT_FORM = re.compile(r"\[[^\]]*\]")  # NPC L Thigh [LThg]
 _ACCENT = re.compile("[\u0300-\u036f]")
 
 ARMS = tuple(f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist"))
@@ -70,7 +71,7 @@ def family_of(names: Sequence[str]) -> str | None:
 @lru_cache(maxsize=4096)
 def words(name: str) -> tuple[str, ...]:
     """Return the longest known words of a name, in lower case: 'mixamorig:LeftUpLeg' is left, upleg."""
-    name = unicodedata.normalize("NFKD", _NAMESPACE.sub("", name))
+    name = unicodedata.normalize("NFKD", _SHORT_FORM.sub("", _NAMESPACE.sub("", name)))
     name = unicodedata.normalize("NFC", _ACCENT.sub("", name))
     if name.lower() in _VERTEBRAE:
         return (name.lower(),)
@@ -112,10 +113,10 @@ def parts(name: str) -> frozenset[str]:
 
 
 def part_word(name: str) -> str:
-    """Return the word of a name that means a part: a finger's, or else the longest, of two the last; or ''."""
+    """Return the word of a name that means a part: a finger's, or else the last: the wrist of 'forearm_hand'; or ''."""
     known = [word for word in words(name) if word in PARTS]
     fingers = [word for word in known if PARTS[word][0] in FINGERS] or [word for word in known if word == "finger"]
-    return fingers[-1] if fingers else max(reversed(known), key=len, default="")
+    return fingers[-1] if fingers else known[-1] if known else ""
 
 
 @lru_cache(maxsize=4096)
