@@ -32,11 +32,9 @@ class RepairScores:
     slid: list[float] = field(default_factory=list)  # m/s of feet whose slides were repaired
 
 
-def score_repair(
-    clips: Iterable[Clip], seed: int = 1, advance: Callable[[Clip], None] = lambda clip: None
-) -> RepairScores:
+def score_repair(clips: Iterable[Clip], advance: Callable[[Clip], None] = lambda clip: None) -> RepairScores:
     """Make a defect of each kind in every clip, and count what is found, wrongly found and repaired."""
-    rng, scores = np.random.default_rng(seed), RepairScores()
+    rng, scores = np.random.default_rng(1), RepairScores()
     for clip in clips:
         if clip.seconds >= SHORTEST:
             at_rate = resample(clip, RATE)
