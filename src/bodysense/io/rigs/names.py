@@ -1,7 +1,7 @@
 """Names of joints: the words in them (`names.toml`), and which of our joints a list of names means.
 
-In a tree of joints, words add to the evidence of its structure. In a list without a tree, such as markers named after
-joints, they are the only evidence.
+In a tree of joints, the chains between named joints tell the others. In a list without a tree, such as markers named
+after joints, names are the only evidence.
 """
 
 from __future__ import annotations
