@@ -44,7 +44,9 @@ def text() -> str:
     parts.append(f'export const SUBPROTOCOL = "{protocol.SUBPROTOCOL}";\n')
     for name in ("Region", "Posture", "Source"):
         parts.append(f"export type {name} = {union(getattr(messages, name))};\n")
-    parts += [interface(messages.Settings, None), interface(messages.Resume, None)]
+    parts += [
+        interface(kind, None) for kind in (messages.Worn, messages.KnownLength, messages.Settings, messages.Resume)
+    ]
     for table in (messages.CLIENT, messages.SERVER):
         parts += [interface(kind, name) for name, kind in table.items()]
     for name, table in (("ClientMessage", messages.CLIENT), ("ServerMessage", messages.SERVER)):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import subprocess
 import sys
@@ -9,14 +10,18 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache, partial
-from importlib.metadata import entry_points
+from importlib.metadata import entry_points, version
+from inspect import unwrap
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from filelock import FileLock
 from hypothesis import HealthCheck, settings
+from tyro._parsers import ParserSpecification
+from tyro.extras import SubcommandApp
 from xdist.remote import Producer
 from xdist.scheduler import LoadScopeScheduling
 
@@ -84,6 +89,38 @@ def packages_looked_up_once() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def options_inspected_once() -> Iterator[None]:
+    """Build the parser of each command once: each run would inspect the types and texts of all options again."""
+    unions, parsers = dict[Any, Any](), dict[Any, Any]()
+    build, make = SubcommandApp._build_union, ParserSpecification.from_callable_or_type
+
+    def commands(application: SubcommandApp) -> tuple[Any, ...]:
+        rows = application._subcommands.items()
+        return tuple(
+            (name, commands(one.target) if isinstance(one.target, SubcommandApp) else unwrap(one.target), one.help)
+            for name, one in rows
+        )
+
+    def union(application: SubcommandApp, **given: Any) -> Any:
+        key = (commands(application), *given.items())
+        if key not in unions:
+            unions[key] = build(application, **given)
+        return unions[key]
+
+    def parser(union: Any, **given: Any) -> ParserSpecification:
+        key = (union, given["description"])
+        if key not in parsers:
+            parsers[key] = make(union, **given)
+        return parsers[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SubcommandApp, "_build_union", union)
+        root = SimpleNamespace(ParserSpecification=SimpleNamespace(from_callable_or_type=parser))
+        patch.setattr("tyro._cli._parsers", root)
+        yield
+
+
 @pytest.fixture(scope="session")
 def motion_data() -> Path:
     """Return a folder of real motion, laid out as in docs/data.md; skip the test if it is missing."""
@@ -141,17 +178,33 @@ def hidden_gloves(gloves: Observation) -> Observation:
     return hide(gloves, hidden)
 
 
-@pytest.fixture(scope="session")
-def exported_once(tmp_path_factory: pytest.TempPathFactory) -> ExportedOnce:
-    """Write a network's files into a folder that all processes of the tests share, if none has: an export takes long.
+@cache
+def sources_of_exports() -> str:
+    """Return a digest of the code and packages that an exported network depends on."""
+    digest = hashlib.sha256("".join(f"{name} {version(name)}" for name in ("torch", "onnx", "onnxscript")).encode())
+    root = TESTS.parent
+    folders = [root / "packages/lab/src/bodysense_lab" / name for name in ("core", "papers")]
+    folders += [root / "src/bodysense" / name for name in ("body", "geometry")]
+    for path in (Path(__file__), *(path for folder in folders for path in sorted(folder.rglob("*.py")))):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
 
-    `exported_once("a.onnx", write)` calls `write(path)` unless the file is there, and returns the path.
+
+@pytest.fixture(scope="session")
+def exported_once(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> ExportedOnce:
+    """Write a network's files into a folder that all processes and later runs share, if none has: exports take long.
+
+    `exported_once("a.onnx", write)` calls `write(path)` unless the file is there, and returns the path. Files of other
+    sources are written again.
     """
-    own = tmp_path_factory.getbasetemp()
-    shared = own.parent if "PYTEST_XDIST_WORKER" in os.environ else own
+    own, stored = tmp_path_factory.getbasetemp(), getattr(request.config, "cache", None)
+    if stored is not None:  # none with `-p no:cacheprovider`
+        folder = stored.mkdir("networks") / sources_of_exports()
+    else:
+        folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "networks"
 
     def written(name: str, write: Callable[[Path], None]) -> Path:
-        path = shared / "networks" / name
+        path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(f"{path}.lock"):
             if not path.is_file():

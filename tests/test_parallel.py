@@ -12,8 +12,6 @@ from pathlib import Path
 
 import pytest
 
-import bodysense
-import bodysense_lab
 from bodysense.errors import BodysenseError
 from bodysense.parallel import parallel_map
 
@@ -72,12 +70,6 @@ def _runs(process: int) -> bool:
         return not (state.exists() and state.read_text().rpartition(")")[2].split()[0] == "Z")
     except (ProcessLookupError, FileNotFoundError):
         return False
-
-
-def test_every_pool_ends_with_its_parent() -> None:
-    packages = [Path(str(package.__file__)).parent for package in (bodysense, bodysense_lab)]
-    files = [path.name for package in packages for path in package.rglob("*.py") if "ProcessPool" in path.read_text()]
-    assert files == ["parallel.py"]
 
 
 @pytest.mark.slow

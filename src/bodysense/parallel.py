@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor  # noqa: TID251 (the pool that the message names)
 from contextlib import contextmanager
 from functools import partial
 from multiprocessing import get_context, parent_process

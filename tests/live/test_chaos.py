@@ -9,7 +9,6 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -24,13 +23,13 @@ from bodysense.io.formats.protocol import SignalFrame
 from bodysense_live.server import live as live_module
 from bodysense_live.server import scheduler as scheduler_module
 from bodysense_live.server.message_text import write_message
-from bodysense_live.server.messages import RecordSwitch, Resume
+from bodysense_live.server.messages import RecordSwitch, Resume, Settings
 from bodysense_live.server.scheduler import complete
 from bodysense_live.server.settings import ServerSettings
 
 from .conftest import Address, Connecting, Serving, free_port, storing
 from .conftest import signal as signal_frame
-from .server.test_workers import Wearer, until
+from .server.wearers import Wearer, until, worn
 
 ROOT = Path(__file__).parents[2]
 ANSWERED = 2.0  # s until each wearer is answered, or told why
@@ -50,12 +49,8 @@ class Chaos:
     @contextmanager
     def wearers(self, address: Address, seconds: float = SECONDS) -> Iterator[list[Wearer]]:
         """Disturb wearers within the block, then for some seconds more; check that each is answered or told why."""
-        over = threading.Event()
-        wearers = [Wearer(1.7 + 0.05 * k) for k in range(COUNT)]
-        threads = [threading.Thread(target=one.wear, args=(address.websocket, over)) for one in wearers]
-        for thread in threads:
-            thread.start()
-        try:
+        wearers = [Wearer(Settings(height=1.7 + 0.05 * k, mirror=True)) for k in range(COUNT)]
+        with worn(wearers, address.websocket):
             until(lambda: all(one.answered and one.placed for one in wearers))
             for one in wearers:
                 one.longest = 0.0
@@ -64,10 +59,6 @@ class Chaos:
             now = time.monotonic()
             silences = [max(one.longest, now - one.answered) for one in wearers]
             assert max(silences) < ANSWERED, silences
-        finally:
-            over.set()
-            for thread in threads:
-                thread.join(10)
 
     def disturbed(self, frames: Callable[[SignalFrame], list[SignalFrame]]) -> None:
         """Send other frames than those of a wearer."""

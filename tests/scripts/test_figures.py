@@ -58,12 +58,12 @@ def tables_of(text: str) -> Iterator[list[list[str]]]:
         yield [[cell.strip() for cell in line.strip().strip("|").split("|")] for line in table.splitlines()]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_a_table_with_figures_is_between_markers(page: Path) -> None:
-    name = page.relative_to(ROOT).as_posix()
-    for head, _, *body in tables_of(page.read_text(encoding="utf-8")):
-        figures = [cell for row in body for cell in row[1:] if FIGURE.fullmatch(cell)]
-        assert not figures or (name, head[0]) in CONSTANTS, f"{name}, {head}: put {figures[:3]} between markers"
+def test_tables_with_figures_are_between_markers() -> None:
+    for page in PAGES:
+        name = page.relative_to(ROOT).as_posix()
+        for head, _, *body in tables_of(page.read_text(encoding="utf-8")):
+            figures = [cell for row in body for cell in row[1:] if FIGURE.fullmatch(cell)]
+            assert not figures or (name, head[0]) in CONSTANTS, f"{name}, {head}: put {figures[:3]} between markers"
 
 
 def test_numbers_that_count_as_figures() -> None:
@@ -83,30 +83,26 @@ def test_every_pair_of_markers_has_a_block_that_writes_it() -> None:
     assert set(named) == found and len(named) == len(found)
 
 
-@pytest.mark.parametrize("block", BLOCKS, ids=lambda block: f"{Path(block.page).stem}-{block.name}")
-def test_a_block_names_its_processor_and_commands(block: Block) -> None:
-    text = dict(WRITTEN.findall((ROOT / block.page).read_text(encoding="utf-8")))[block.name]
-    if block.files and text:
-        assert re.search(r"\n\nProcessor: \S.*\.\n$", text), block
+def test_blocks_name_their_processors_and_commands() -> None:
     assert COMMANDS is not None
-    for file in (*block.files, *block.more):
-        pattern = "live-PxN" if re.fullmatch(r"live-\dx\d+", file) else file
-        pattern = re.sub(r"^unoc-table6-[a-z]+-[a-z]+$", "unoc-table6-TRAIN-TEST", pattern)
-        named = f"FIGURES/{pattern}.json" in COMMANDS or file in (
-            "marker-gaps",
-            "mounts",
-            "gloves-expected",
-            "gloves-steps",
-        )
-        assert named, f"no command for {file}.json"
+    others = ("marker-gaps", "mounts", "gloves-expected", "gloves-steps")
+    for block in BLOCKS:
+        text = dict(WRITTEN.findall((ROOT / block.page).read_text(encoding="utf-8")))[block.name]
+        if block.files and text:
+            assert re.search(r"\n\nProcessor: \S.*\.\n$", text), block
+        for file in (*block.files, *block.more):
+            pattern = "live-PxN" if re.fullmatch(r"live-\dx\d+", file) else file
+            pattern = re.sub(r"^unoc-table6-[a-z]+-[a-z]+$", "unoc-table6-TRAIN-TEST", pattern)
+            assert f"FIGURES/{pattern}.json" in COMMANDS or file in others, f"no command for {file}.json"
 
 
-@pytest.mark.parametrize(
-    "block", [block for block in BLOCKS if block.files], ids=lambda block: f"{Path(block.page).stem}-{block.name}"
-)
-def test_a_block_is_made_of_its_files(block: Block, tmp_path: Path) -> None:
+def test_blocks_are_made_of_their_files(tmp_path: Path) -> None:
     """Rows are as wide as their table, every file is needed, and the processors of all files are named."""
-    page = tmp_path / block.page
+    for block in (block for block in BLOCKS if block.files):
+        check_block(block, tmp_path / block.page, tmp_path)
+
+
+def check_block(block: Block, page: Path, tmp_path: Path) -> None:
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text(f"a\n<!-- begin {block.name} -->\n<!-- end {block.name} -->\nb\n")
     measured = every_figure(block)

@@ -6,6 +6,7 @@ Markers are on the skin of a made-up body; the offsets with which they are made 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,7 @@ ARM = ("LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN")
 LEG = ("RKNE", "RTIB", "RANK", "RHEE", "RTOE")
 
 
+@cache
 def hidden_take() -> tuple[Clip, RawMarkers, np.ndarray, np.ndarray]:
     """Return a motion, its markers with an arm hidden six times and a leg five times for 1 s, and both masks (T,)."""
     clip = performance_of_unseen_body()

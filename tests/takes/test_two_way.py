@@ -16,6 +16,7 @@ from bodysense.devices.simulated.device import simulate
 from bodysense.devices.simulated.noise import hide
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
+from bodysense.io.formats import bvh
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import concatenated_frames
 from bodysense.takes import two_way
@@ -173,6 +174,7 @@ def test_a_longer_take_needs_no_more_memory_than_its_result(
     """Memory is needed for windows; each frame adds 4.3 kB of estimate, 0.1 kB of points, and 0.8 kB of GLB."""
     monkeypatch.setattr(two_way, "WINDOW", 2.0)
     monkeypatch.setattr(two_way, "BESIDE", 1.0)
+    monkeypatch.setattr(bvh, "_BLOCK", 64)  # frames
 
     def peaks(frames: int) -> np.ndarray:
         long = concatenated_frames([seen] * -(-frames // len(seen)))[:frames]
@@ -187,8 +189,8 @@ def test_a_longer_take_needs_no_more_memory_than_its_result(
         tracemalloc.stop()
         return np.array(found)
 
-    peaks(150)  # loads the networks
-    per_frame = (peaks(1200) - peaks(600)) / 600  # both with more than two blocks of a BVH file
+    peaks(90)  # loads the networks
+    per_frame = (peaks(480) - peaks(180)) / 300  # both with more than two blocks of a BVH file
     assert (per_frame < [5000, 5000, 6000]).all()
 
 

@@ -51,6 +51,15 @@ def test_a_message_on_a_phone_does_not_cover_the_body(checked: dict[str, Any]) -
     assert len(checked["covered"]) == 2 and max(checked["covered"]) <= 0  # pixels
 
 
+def test_nothing_covers_a_webcams_picture(checked: dict[str, Any]) -> None:
+    assert len(checked["overPicture"]) == 30
+    assert {size: over for size, over in checked["overPicture"].items() if over} == {}
+
+
+def test_a_lying_phone_shows_the_figure_large(checked: dict[str, Any]) -> None:
+    assert checked["lying"] >= 0.8
+
+
 def test_the_introduction_is_between_header_and_timeline(checked: dict[str, Any]) -> None:
     assert len(checked["introduced"]) == 5
     for size, (below_header, above_timeline, height) in checked["introduced"].items():

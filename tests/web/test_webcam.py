@@ -110,6 +110,15 @@ def test_a_webcams_picture_is_seen_beside_the_body_and_what_it_waits_for(watched
     assert watched[1]["isGone"]
 
 
+def test_picture_and_body_are_mirrored_together_by_a_switch_that_is_kept(watched: Watched) -> None:
+    mirror = watched[1]["mirror"]
+    assert mirror["states"] == [["true", True, None], ["false", False, False]]
+    still, switched = mirror["body"]
+    assert switched > 5 * still + 0.5  # of 255 levels
+    as_before, flipped = mirror["picture"]
+    assert flipped < 0.5 * as_before
+
+
 def test_a_webcams_body_is_the_person_of_the_film(
     scenario: Scenario, with_webcam: Path, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:

@@ -22,6 +22,7 @@ import { TakeSource } from "./sources/take_source";
 import { followedBy, Watching } from "./sources/watching";
 import { partOf, type Take } from "./takes/takes";
 import { BridgePanel } from "./ui/bridge_panel";
+import { CameraPicture } from "./ui/camera_picture";
 import { onFiles } from "./ui/drop";
 import { onKeys } from "./ui/keys";
 import { LookPanel } from "./ui/look_panel";
@@ -36,7 +37,8 @@ import { Bodies } from "./view/bodies";
 import type { Look, View } from "./view/scene";
 import { VrMenu, type MenuItem } from "./view/vr_menu";
 import { addOwn } from "./view/wardrobe";
-import { HEIGHTS, personFrom, personOf, type Person } from "./wearer/wearer";
+import { moved, type Worn } from "./wearer/trackers";
+import { distancesOf, HEIGHTS, personFrom, personOf, type LengthName, type Person } from "./wearer/wearer";
 
 const FILE_GUIDE =
   "A simulated headset sees this motion, and the rest is completed. Settings choose what it sees; Truth shows the motion itself.";
@@ -96,18 +98,26 @@ export class App {
       (change) => this.change(change),
       (name) => this.bodies.wardrobe.wear(name),
     );
-    this.sensors = new SensorPanel(
-      this.settings.sensors,
-      (set) => this.simulate(set),
-      (hidden) => {
+    this.sensors = new SensorPanel(this.settings.sensors, {
+      set: (set) => this.simulate(set),
+      hidden: (hidden) => {
         this.live.hidden = hidden;
         this.updateServer({ hidden: [...hidden] });
       },
-    );
+      move: (tracker, joint) => this.wear(moved(this.trackers, this.worn, tracker, joint)),
+      name: (tracker, name) => {
+        const { [tracker]: _, ...others } = this.settings.trackerNames;
+        this.change({ trackerNames: name === "" ? others : { ...others, [tracker]: name } });
+      },
+    });
     this.you = new YouPanel(this.settings, {
       height: (height) => this.attempt(async () => this.setHeight(height)),
+      length: (name, metres) => this.attempt(async () => this.setLength(name, metres)),
       measure: () => this.attempt(async () => this.measure()),
-      forget: () => this.know({ measured: null }),
+      forget: () => {
+        this.know({ measured: null, lengths: {} });
+        this.updateServer({ lengths: [] });
+      },
       recentre: () => this.recentre(),
       sit: (isSeated) => this.sit(isSeated),
       holdFeet: (holdFeet) => {
@@ -221,7 +231,11 @@ export class App {
   private async watchWebcam(): Promise<void> {
     const { openWebcam } = await import("./sources/webcam/webcam"); // MediaPipe is fetched when it is wanted
     const before = this.source;
-    const source = await openWebcam(this.base, this.live, (text) =>
+    const picture = new CameraPicture(
+      () => this.settings.mirroredWebcam,
+      () => this.change({ mirroredWebcam: !this.settings.mirroredWebcam }),
+    );
+    const source = await openWebcam(this.base, this.live, picture, (text) =>
       text === null ? this.notice.clear() : this.notice.fault(text),
     );
     if (this.source === before) this.begin(source);
@@ -272,7 +286,8 @@ export class App {
 
   /** The known measurements of the person that a source tracks; the user's own include the calibration. */
   private personOf({ isYou }: Source): Person {
-    return personFrom(this.settings.height, isYou ? this.settings.measured : null);
+    const { height, measured, lengths } = this.settings;
+    return personFrom(height, isYou ? measured : null, isYou ? lengths : {});
   }
 
   private setHeight(height: number | null): void {
@@ -281,9 +296,34 @@ export class App {
     this.updateServer({ height });
   }
 
+  private setLength(name: LengthName, metres: number | undefined): void {
+    const { [name]: _, ...others } = this.settings.lengths;
+    const lengths = metres === undefined ? others : { ...others, [name]: metres };
+    const distances = distancesOf(lengths); // refuses a length that no person has
+    const { measured } = this.settings;
+    this.know({ lengths, ...(name === "reach" && measured ? { measured: { ...measured, reach: null } } : {}) });
+    this.updateServer({ lengths: distances.map(({ value, ...ends }) => ({ ...ends, metres: value })) });
+  }
+
+  /** Points that are tracked now, and where the strapped trackers among them are worn. */
+  private get trackers(): readonly string[] {
+    return this.source?.trackers ?? this.source?.sensors ?? [];
+  }
+
+  private get worn(): Worn {
+    return this.source instanceof Watching ? this.source.first.worn : this.live.worn;
+  }
+
+  private wear(worn: Worn): void {
+    if (this.source instanceof Watching)
+      this.updateServer({ worn: Object.entries(worn).map(([tracker, joint]) => ({ tracker, joint })) });
+    else this.live.worn = worn;
+  }
+
   /** Change the known measurements of the user. */
-  private know(known: Partial<Pick<Settings, "height" | "measured">>): void {
+  private know(known: Partial<Pick<Settings, "height" | "measured" | "lengths">>): void {
     this.change(known);
+    this.notice.clear(); // of a value that was refused before
     if (this.source) this.live.setPerson(this.personOf(this.source));
     this.you.show(this.settings);
   }
@@ -322,7 +362,8 @@ export class App {
   private tracked(frame: Observation): void {
     const measured = this.measuring.take(frame);
     if (!measured) return;
-    this.know({ height: null, measured });
+    const { reach: _, ...lengths } = this.settings.lengths;
+    this.know({ height: null, measured, lengths: measured.reach === null ? this.settings.lengths : lengths });
     this.say("You are measured.");
   }
 
@@ -450,7 +491,8 @@ export class App {
     const passed = (milliseconds - this.drawnAt) / 1000;
     const seconds = Math.min(passed, LONGEST_STEP);
     this.drawnAt = milliseconds;
-    const side = this.settings.mirrored ? -1 : 1;
+    const mirror = this.source?.isWebcam ? "mirroredWebcam" : "mirrored";
+    const side = this.settings[mirror] ? -1 : 1;
     this.view.stage.scale.x = side;
     this.source?.frame?.(milliseconds, frame);
     const moment = this.playback.step(this.live.history, seconds);
@@ -468,9 +510,11 @@ export class App {
     if (milliseconds - this.factsAt < FACTS_EVERY) return;
     this.factsAt = milliseconds;
     this.sensors.offer(this.source.sensors, this.source instanceof ClipSource);
+    this.sensors.list(this.trackers, this.worn, this.settings.trackerNames);
+    this.you.showBody(this.source instanceof Watching ? this.tree : this.live.tree);
     this.timeline.show();
     this.takes.draw();
-    this.look.show(this.settings, this.bodies.wardrobe, (moment?.truth ?? null) !== null);
+    this.look.show(this.settings, mirror, this.bodies.wardrobe, (moment?.truth ?? null) !== null);
     const title =
       this.live.isReady || this.source instanceof Watching ? this.source.title : "Loading the neural network";
     showStatus(this.live, moment, this.tree, title);

@@ -5,6 +5,7 @@ import { place, withOffsets, type Body, type Skeleton } from "./body/skeleton";
 import type { Engine, Step } from "./engine/engine";
 import { History, type BodyFrame, type Moment } from "./takes/history";
 import { reasonOf } from "./notice";
+import type { Worn } from "./wearer/trackers";
 import type { Person } from "./wearer/wearer";
 
 const MOST_WAITING = 2; // frames in the worker: further frames are dropped, not queued
@@ -14,6 +15,7 @@ export class Live {
   readonly times: number[] = []; // ms, of the last steps
   holdFeet = true; // hold standing feet in place
   hidden: ReadonlySet<string> = new Set(); // points that are ignored
+  worn: Worn = {}; // trackers that are worn elsewhere than their names say
   isReady = false; // the network is loaded
   private isPreview = false; // the timeline holds the source's own motion, not completed
   private restOffset: Float32Array | null = null; // of the newest body
@@ -45,6 +47,7 @@ export class Live {
     this.take += 1;
     this.restOffset = null;
     this.hidden = new Set();
+    this.worn = {};
     this.history.clear();
     this.isPreview = false;
     this.engine.send({ type: "start", person, holdFeet: this.holdFeet });
@@ -68,7 +71,10 @@ export class Live {
     }
     if (this.engine.backlog >= MOST_WAITING) return false;
     const take = this.take;
-    const seen = { ...observation, points: observation.points.filter(({ name }) => !this.hidden.has(name)) };
+    const points = observation.points
+      .filter(({ name }) => !this.hidden.has(name) && this.worn[name] !== "")
+      .map((point) => ({ ...point, name: this.worn[point.name] ?? point.name }));
+    const seen = { ...observation, points };
     void this.engine.step(seen).then(
       (step) => take === this.take && this.keep(step, seen, truth),
       (error: unknown) => take === this.take && this.failed(reasonOf(error)),

@@ -3,23 +3,30 @@
 import { SENSOR_SETS, type SensorSet } from "./body/clip";
 import { COLOURINGS } from "./view/colours";
 import type { DisplaySettings } from "./view/bodies";
-import { HEIGHTS, isWithin, measurementFrom, type Measurement } from "./wearer/wearer";
+import { HEIGHTS, isWithin, lengthsFrom, measurementFrom, type Lengths, type Measurement } from "./wearer/wearer";
 
 export const THEMES = ["auto", "light", "dark"] as const;
 export type Theme = (typeof THEMES)[number];
 
+export type MirrorSetting = "mirrored" | "mirroredWebcam";
+
 export interface Settings extends DisplaySettings {
   readonly height: number | null; // m
   readonly measured: Measurement | null; // the wearer, by Measure me
+  readonly lengths: Lengths; // of the wearer, as the user knows them
+  readonly trackerNames: Readonly<Record<string, string>>; // by which the user calls trackers
   readonly sensors: SensorSet; // of the simulated headset
   readonly holdFeet: boolean;
   readonly theme: Theme;
-  readonly mirrored: boolean; // left and right of the page's body are changed, as in a mirror
+  readonly mirrored: boolean; // left and right of the displayed body are swapped, as in a mirror
+  readonly mirroredWebcam: boolean; // of a webcam's body and picture, where people expect a mirror
 }
 
 export const DEFAULT_SETTINGS: Settings = {
   height: null,
   measured: null,
+  lengths: {},
+  trackerNames: {},
   sensors: "hands",
   holdFeet: true,
   figure: "avatar",
@@ -29,6 +36,7 @@ export const DEFAULT_SETTINGS: Settings = {
   ghosts: true,
   theme: "auto",
   mirrored: false,
+  mirroredWebcam: true,
 };
 
 const CHOICES: Readonly<Record<string, readonly unknown[]>> = {
@@ -36,7 +44,9 @@ const CHOICES: Readonly<Record<string, readonly unknown[]>> = {
   figure: ["avatar", "figure"],
   colouring: COLOURINGS,
   theme: THEMES,
-  ...Object.fromEntries(["holdFeet", "truth", "signal", "ghosts", "mirrored"].map((name) => [name, [true, false]])),
+  ...Object.fromEntries(
+    ["holdFeet", "truth", "signal", "ghosts", "mirrored", "mirroredWebcam"].map((name) => [name, [true, false]]),
+  ),
 };
 const KEY = "bodysense.page";
 
@@ -44,12 +54,15 @@ const KEY = "bodysense.page";
 export function settingsFrom(text: string | null): Settings {
   const saved = parsed(text);
   const { height, measured } = saved;
+  const names = Object.entries(Object(saved["trackerNames"]) as object).filter(([, name]) => typeof name === "string");
   const chosen = Object.entries(CHOICES).filter(([name, choices]) => choices.includes(saved[name]));
   return {
     ...DEFAULT_SETTINGS,
     ...Object.fromEntries(chosen.map(([name]) => [name, saved[name]])),
     height: isWithin(height, HEIGHTS) ? height : null,
     measured: measurementFrom(measured),
+    lengths: lengthsFrom(saved["lengths"]),
+    trackerNames: Object.fromEntries(names),
   };
 }
 

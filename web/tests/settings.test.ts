@@ -14,6 +14,9 @@ describe("settings", () => {
       height: 1.83,
       sensors: "feet" as const,
       truth: true,
+      mirroredWebcam: false,
+      lengths: { thigh: 0.44 },
+      trackerNames: { tracker_1: "Blue" },
     };
     saveSettings(() => ({ setItem: (key, value) => void kept.set(key, value) }), mine);
     expect(loadSettings(() => ({ getItem: (key) => kept.get(key) ?? null }))).toEqual(mine);
@@ -24,8 +27,15 @@ describe("settings", () => {
   });
 
   it("take what is valid of what is broken", () => {
-    const text = '{"height": 99, "sensors": "tail", "truth": 1, "figure": "figure", "theme": "dark"}';
-    expect(settingsFrom(text)).toEqual({ ...DEFAULT_SETTINGS, figure: "figure", theme: "dark" });
+    const text =
+      '{"height": 99, "sensors": "tail", "truth": 1, "figure": "figure", "theme": "dark", "lengths": {"shin": 0.4, "thigh": 7, "tail": 1}, "trackerNames": {"a": "b", "c": 3}}';
+    expect(settingsFrom(text)).toEqual({
+      ...DEFAULT_SETTINGS,
+      figure: "figure",
+      theme: "dark",
+      lengths: { shin: 0.4 },
+      trackerNames: { a: "b" },
+    });
   });
 
   it("say in one line that the storage is full", () => {

@@ -7,7 +7,8 @@ import { axisAngle, fromAxes, multiply, rotate, type Vector } from "../src/body/
 import { numbers, readNpz } from "../src/files/npz";
 import type { Observation } from "../src/body/observation";
 import { applyPlacement, placementAt } from "../src/sources/placement";
-import { NOBODY, personOf } from "../src/wearer/wearer";
+import { moved, nameOf, placeOf, PLACES, usualPlace } from "../src/wearer/trackers";
+import { DEVIATION, NOBODY, distancesOf, LENGTH_NAMES, LENGTHS, personFrom, personOf } from "../src/wearer/wearer";
 
 const library = (name: string): ArrayBuffer =>
   Uint8Array.from(readFileSync(new URL(`../../src/bodysense/${name}`, import.meta.url))).buffer;
@@ -24,6 +25,72 @@ it("heights that no person has are refused in one line", () => {
   for (const height of [0.2, 9, Number.NaN])
     expect(() => personOf(height)).toThrow(/^A height of \S+ m is not a person's; give 1 to 2.3 m\.$/);
   expect(personOf(null)).toEqual(NOBODY);
+});
+
+describe("known lengths", () => {
+  it("are between points of the body, on both sides", () => {
+    const [left, right] = ["left", "right"].map((side) => ({ start: `${side}_hip`, end: `${side}_knee`, value: 0.45 }));
+    expect(distancesOf({ thigh: 0.45 })).toEqual([left, right]);
+    expect(personFrom(null, null, { thigh: 0.45 })).toEqual({
+      lengths: [left, right].map((distance) => ({ ...distance, deviation: DEVIATION })),
+    });
+    expect(personFrom(null, { head: 1.6, reach: 1.4 }, { reach: 1.5 }).lengths).toEqual([
+      { start: "left_wrist", end: "right_wrist", value: 1.5, deviation: DEVIATION },
+    ]);
+    expect(personFrom(null, null)).toEqual(NOBODY);
+  });
+
+  it("that no person has are refused in one line", () => {
+    for (const name of LENGTH_NAMES) {
+      const { text, least, most } = LENGTHS[name];
+      for (const value of [least - 0.01, most + 0.01, Number.NaN, -1])
+        expect(() => distancesOf({ [name]: value })).toThrow(
+          `${text}: ${value} m is not a person's; give ${least} to ${most} m.`,
+        );
+      expect(distancesOf({ [name]: least }).length).toBe(LENGTHS[name].pairs.length);
+    }
+  });
+});
+
+describe("trackers", () => {
+  it("are worn where their names say", () => {
+    for (const joint of Object.keys(PLACES))
+      expect([usualPlace(joint), usualPlace(`${joint}_tracker`)]).toEqual([joint, joint]);
+    expect(["hip", "waist", "chest", "tracker_3"].map(usualPlace)).toEqual(["pelvis", "pelvis", "spine3", ""]);
+    expect(["head", "left_wrist", "left_controller", "headset", "left:wrist", "tracker_x"].map(usualPlace)).toEqual(
+      Array(6).fill(null),
+    );
+    expect([nameOf("left_knee"), nameOf("left_knee_tracker"), nameOf("tracker_3")]).toEqual([
+      "Left knee",
+      "Left knee tracker",
+      "Tracker 3",
+    ]);
+  });
+
+  it("never share a place, whatever is moved, and come back when all are forgotten", () => {
+    const trackers = ["headset", "hip", "left_knee_tracker", "right_knee_tracker", "tracker_1", "tracker_2"];
+    const strapped = trackers.slice(1);
+    const places = ["", ...Object.keys(PLACES)];
+    let worn = {};
+    for (let k = 0; k < 500; k++) {
+      const [tracker, place] = [strapped[(7 * k + (k >> 3)) % 5], places[(5 * k + (k >> 2)) % 9]];
+      worn = moved(trackers, worn, tracker, place);
+      expect(placeOf(tracker, worn)).toBe(place);
+      const taken = strapped.map((name) => placeOf(name, worn)).filter((joint) => joint !== "");
+      expect(new Set(taken).size).toBe(taken.length);
+    }
+    for (let round = 0; round < 2; round++)
+      for (const name of strapped) worn = moved(trackers, worn, name, usualPlace(name) ?? "");
+    expect(worn).toEqual({});
+  });
+
+  it("swap two places", () => {
+    const trackers = ["left_ankle", "right_ankle", "pelvis"];
+    expect(moved(trackers, {}, "left_ankle", "right_ankle")).toEqual({
+      left_ankle: "right_ankle",
+      right_ankle: "left_ankle",
+    });
+  });
 });
 
 describe("calibration", () => {

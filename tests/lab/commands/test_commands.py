@@ -60,11 +60,17 @@ def test_data_info_with_occlusion(two_people: Path, tmp_path: Path, run) -> None
             ("take", "--minutes", 0.1),
             {f"{causal}frames_per_{processor}second" for causal in ("", "causal_") for processor in ("", "processor_")},
         ),
-        (("training", "--steps", 1, "--processes", 1), {"draw_frames_per_second", "step_frames_per_second"}),
+        (("training", "--steps", 1, "--processes", 0), {"draw_frames_per_second", "step_frames_per_second"}),
+        pytest.param(
+            ("training", "--steps", 1, "--processes", 1),
+            {"draw_frames_per_second", "step_frames_per_second"},
+            marks=pytest.mark.slow,
+        ),
         (("import", "--runs", 1), {"package_seconds", "seconds", "numpy_seconds", "torch_imported"}),
     ],
     ids=lambda value: "_".join(map(str, value)) if isinstance(value, tuple) else "",
 )
+@pytest.mark.usefixtures("quick_completion")
 def test_benchmarks_write_their_numbers(tmp_path: Path, run, command: tuple[object, ...], keys: set[str]) -> None:
     run("bench", *command, "--json", tmp_path / "a.json")
     numbers = json.loads((tmp_path / "a.json").read_text())

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import ast
-from pathlib import Path
-
 import pytest
 import torch
 
-import bodysense_lab
 from bodysense_lab.core.fit import describe_machine, launch_fabric
 from bodysense_lab.core.precision import layer_autocast, layer_precision
 
@@ -35,13 +31,3 @@ def test_emulated_bfloat16_of_an_accelerator_does_not_count(
     monkeypatch.setattr(torch.cuda, "is_bf16_supported", lambda including_emulation=True: has_units)
     assert layer_precision(torch.device("cuda")) == precision
     assert layer_precision(torch.device("mps")) == torch.float32
-
-
-def test_all_trainings_use_the_shared_precision() -> None:
-    places = [
-        path.name
-        for path in Path(bodysense_lab.__path__[0]).rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Attribute) and node.attr == "autocast"
-    ]
-    assert set(places) == {"precision.py"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -205,15 +206,15 @@ def test_the_learning_rate_is_halved_without_progress(frames: GloveFrames, tmp_p
 
 @pytest.mark.parametrize("name", ["markers", "joints"])
 def test_the_file_predicts_as_the_network_for_any_number_of_hands(
-    name: str, frames: GloveFrames, tmp_path: Path
+    name: str, frames: GloveFrames, exported_once: Callable[[str, Callable[[Path], None]], Path]
 ) -> None:
     torch.manual_seed(0)
     network = MarkerNetwork(MarkerNetworkConfig()) if name == "markers" else JointNetwork(JointNetworkConfig())
-    write_glove_network(network, tmp_path / "one.onnx", {"licence": "none"})
+    path = exported_once(f"glove_{name}.onnx", lambda path: write_glove_network(network, path, {"licence": "none"}))
     load = load_marker_network if name == "markers" else load_joint_network
-    loaded = load(tmp_path / "one.onnx")
+    loaded = load(path)
     assert loaded.network.card["licence"] == "none"
-    assert (tmp_path / "one.onnx").stat().st_size < 1e6
+    assert path.stat().st_size < 1e6
     for count in (1, 2, 17):
         markers = torch.from_numpy(frames.markers[:count]).flatten(-2)
         markers[0, :3] = 0.0

@@ -17,6 +17,7 @@ import pytest
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import SIGNAL
 from bodysense_live.security import certificate as certificate_module
+from bodysense_live.security import safety
 from bodysense_live.security.certificate import check_pair, own_certificate, qr_code
 from bodysense_live.security.safety import Access, Limits, TokenThrottle
 from bodysense_live.server.live import Live
@@ -170,7 +171,25 @@ def asked(address: Address, token: str, forwarded: str | None = None) -> tuple[i
             return error.code, time.monotonic() - begun
 
 
-def test_wrong_tokens_never_lock_out_the_right_one(server_of: Serving) -> None:
+def test_each_wrong_token_doubles_the_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    waits: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        waits.append(seconds)
+
+    monkeypatch.setattr(safety.asyncio, "sleep", sleep)
+    throttle = TokenThrottle()
+
+    async def go() -> None:
+        for key, now in (*(("one", float(k)) for k in range(7)), ("other", 7.0), ("one", 6.0 + safety.FORGET_AFTER)):
+            assert await throttle.delay(key, now)
+
+    asyncio.run(go())
+    assert waits == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 0.25, 0.25]
+
+
+def test_wrong_tokens_never_lock_out_the_right_one(server_of: Serving, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(safety, "LONGEST_WAIT", 1.0)  # s until the last guess is answered
     server, over = server_of(ServerSettings(Access(token="secret-token"))), threading.Event()
     statuses: list[int] = []
 
@@ -193,14 +212,22 @@ def test_wrong_tokens_never_lock_out_the_right_one(server_of: Serving) -> None:
     assert set(statuses) == {403}
 
 
-@pytest.mark.parametrize(("proxies", "is_delayed"), [((), True), (("127.0.0.0/8",), False), (("10.0.0.0/8",), True)])
-def test_only_a_trusted_proxy_names_the_client(server_of: Serving, proxies: tuple[str, ...], is_delayed: bool) -> None:
+@pytest.mark.parametrize(("proxies", "is_one"), [((), True), (("127.0.0.0/8",), False), (("10.0.0.0/8",), True)])
+def test_only_a_trusted_proxy_names_the_client(
+    server_of: Serving, monkeypatch: pytest.MonkeyPatch, proxies: tuple[str, ...], is_one: bool
+) -> None:
     """Wrong tokens of one client delay those of another only if both seem to have the proxy's address."""
+    keys: list[str] = []
+
+    async def delay(self: TokenThrottle, key: str, now: float) -> bool:
+        keys.append(key)
+        return True
+
+    monkeypatch.setattr(TokenThrottle, "delay", delay)
     server = server_of(ServerSettings(Access(token="secret-token", trusted_proxies=proxies)))
-    for _ in range(3):
-        assert asked(server, "wrong-token", "203.0.113.1, 203.0.113.5")[0] == 403
-    seconds = asked(server, "wrong-token", "203.0.113.5, 203.0.113.2")[1]  # the last address is the proxy's word
-    assert (seconds > 1.5) == is_delayed
+    for forwarded in ("203.0.113.1, 203.0.113.5", "203.0.113.5, 203.0.113.2"):  # the last address is the proxy's word
+        assert asked(server, "wrong-token", forwarded)[0] == 403
+    assert keys == (["127.0.0.1"] * 2 if is_one else ["203.0.113.5", "203.0.113.2"])
 
 
 @pytest.mark.parametrize("proxy", ["proxy.example", "10.0.0.0/99", "10.0.0.1/8", ""])

@@ -16,7 +16,7 @@ from bodysense.body.person import Person
 from bodysense.geometry.rigid import RigidTransform
 from bodysense_live.protocols.webxr import Placement
 from bodysense_live.security.safety import Limits
-from bodysense_live.server.messages import Resume, Settings, UpdateSettings
+from bodysense_live.server.messages import KnownLength, Resume, Settings, UpdateSettings, Worn
 from bodysense_live.server.session_store import SessionStore, StoredSession, check_store
 from bodysense_live.server.settings import ServerSettings
 
@@ -29,10 +29,15 @@ KEPT = StoredSession(
     "its own",
     "watch",
     "ada",
-    Settings(height=1.6, mirror=True, regions=("head", "arms")),
+    Settings(
+        height=1.6,
+        mirror=True,
+        regions=("head", "arms"),
+        lengths=(KnownLength("left_hip", "left_knee", 0.41),),
+        worn=(Worn("tracker_2", "pelvis"),),
+    ),
     Person(height=1.6, mounts={"pelvis": MOUNT}),
     Placement(0.5, (1.0, 0.0, 2.0)),
-    {"tracker_2": "pelvis"},
 )
 
 
@@ -233,4 +238,5 @@ def test_a_server_that_started_without_its_store_shares_sessions_once_it_answers
 
 
 def test_stored_text_is_valid_json() -> None:
-    assert "NaN" not in KEPT.to_json() and json.loads(KEPT.to_json())["worn"] == {"tracker_2": "pelvis"}
+    settings = json.loads(KEPT.to_json())["settings"]
+    assert "NaN" not in KEPT.to_json() and settings["worn"] == [{"tracker": "tracker_2", "joint": "pelvis"}]

@@ -10,31 +10,27 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 from unittest.mock import MagicMock
 
-import numpy as np
 import pytest
-from websockets import ConnectionClosed, WebSocketException
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from bodysense.errors import BodysenseError
-from bodysense.io.formats.protocol import POSE, SUBPROTOCOL, SignalFrame, write_signal
+from bodysense.io.formats.protocol import SUBPROTOCOL
 from bodysense_live.processes import pool as pool_module
 from bodysense_live.processes.pool import Workers, _take_connections, _Worker, distribute
 from bodysense_live.protocols.links import listen_tcp
 from bodysense_live.server.launch import make_server
 from bodysense_live.server.message_text import write_message
-from bodysense_live.server.messages import Hello, Recentre, Resume, Settings
+from bodysense_live.server.messages import Hello, Settings
 from bodysense_live.server.settings import ServerSettings
 
 from ..conftest import DEVICES
-from ..conftest import signal as signal_frame
+from .wearers import Wearer, until, worn
 
 pytestmark = pytest.mark.skipif(not hasattr(socket, "send_fds"), reason="this system hands no connection over")
 
@@ -150,78 +146,6 @@ def test_a_worker_serves_passed_connections_and_ends_with_its_parent(handing: tu
     assert not thread.is_alive()
 
 
-@dataclass
-class Wearer:
-    """A wearer who sends frames, and reconnects and resumes whenever the connection breaks."""
-
-    height: float
-    welcomes: list[dict[str, Any]] = field(default_factory=list)
-    placed: dict[str, Any] = field(default_factory=dict)
-    answered: float = 0.0  # s, time of the last answer, or of the last reason
-    longest: float = 0.0  # s between two of them
-    told: list[str] = field(default_factory=list)  # reasons: notices, errors, closing frames
-    frames: Callable[[SignalFrame], list[SignalFrame]] = lambda frame: [frame]  # what is sent for each frame
-    do: Callable[[Any], None] = lambda client: None  # called with the connection before each frame
-
-    def wear(self, address: str, over: threading.Event) -> None:
-        resume, sequence = None, 0
-        while not over.is_set():
-            with (
-                suppress(OSError, WebSocketException, TimeoutError),
-                self.reasons(),
-                connect(address, subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None, open_timeout=1) as client,
-            ):
-                settings = Settings() if resume else Settings(height=self.height, mirror=True)
-                client.send(write_message(Hello(1, DEVICES, resume=resume, settings=settings)))
-                self.welcomes.append(json.loads(client.recv(timeout=1)))
-                resume = Resume(self.welcomes[-1]["session"], self.welcomes[-1]["token"])
-                if len(self.welcomes) == 1:
-                    client.send(write_message(Recentre()))
-                while not over.is_set():
-                    self.do(client)
-                    for frame in self.frames(moved(signal_frame(sequence, sequence / 30))):
-                        client.send(write_signal(frame))
-                    sequence += 1
-                    self.read(client, time.monotonic() + 1 / 30)
-
-    @contextmanager
-    def reasons(self) -> Iterator[None]:
-        """Keep the reason for which the server closes the connection."""
-        try:
-            yield
-        except ConnectionClosed as error:
-            if error.rcvd is not None:
-                self.is_told(error.rcvd.reason or str(error.rcvd.code))
-            raise
-
-    def is_told(self, reason: str) -> None:
-        self.told.append(reason)
-        self.is_heard()
-
-    def is_heard(self) -> None:
-        now = time.monotonic()
-        self.longest, self.answered = max(self.longest, now - (self.answered or now)), now
-
-    def read(self, client: Any, until: float) -> None:
-        while (remaining := until - time.monotonic()) > 0:
-            try:
-                received = client.recv(timeout=remaining)
-            except TimeoutError:
-                return
-            if isinstance(received, str):
-                message = json.loads(received)
-                self.placed = message if message["type"] == "placed" else self.placed
-                if message["type"] in ("said", "error"):
-                    self.is_told(message.get("text") or message["reason"])
-            elif received[0] == POSE:
-                self.is_heard()
-
-
-def moved(frame: SignalFrame) -> SignalFrame:
-    """Return a frame of a wearer who is away from the origin of the sensors."""
-    return replace(frame, position=frame.position + np.array([1.0, 0.0, 2.0], dtype=np.float32))
-
-
 @contextmanager
 def serving_workers(*options: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """Run a server of two workers within the block. Yield it and its WebSocket's address."""
@@ -246,11 +170,8 @@ def test_wearers_of_a_worker_that_hangs_or_ends_resume_in_another(
 ) -> None:
     options = ("--shared", request.getfixturevalue("shared")) if is_shared else ()
     with serving_workers(*options) as (server, address):
-        wearers, over = [Wearer(1.7 + 0.05 * k) for k in range(4)], threading.Event()
-        threads = [threading.Thread(target=one.wear, args=(address, over)) for one in wearers]
-        for thread in threads:
-            thread.start()
-        try:
+        wearers = [Wearer(Settings(height=1.7 + 0.05 * k, mirror=True)) for k in range(4)]
+        with worn(wearers, address):
             until(lambda: len(children(server.pid, "spawn_main")) >= 3)
             until(lambda: all(one.answered and one.placed for one in wearers))
             time.sleep(4.0)  # until the spare worker has loaded
@@ -275,20 +196,7 @@ def test_wearers_of_a_worker_that_hangs_or_ends_resume_in_another(
                 back = one.welcomes[-1]
                 assert back["resumed"] == (one in reconnected) and one.placed == placed
                 assert back["session"] == one.welcomes[0]["session"]
-                assert back["settings"]["height"] == one.height and back["settings"]["mirror"]
-        finally:
-            over.set()
-            for thread in threads:
-                thread.join(10)
-
-
-def until(found: Callable[[], Any], seconds: float = 60.0) -> Any:
-    """Return the first true value of a function."""
-    end = time.monotonic() + seconds
-    while not (value := found()):
-        assert time.monotonic() < end
-        time.sleep(0.02)
-    return value
+                assert back["settings"]["height"] == one.settings.height and back["settings"]["mirror"]
 
 
 def test_a_stopped_machine_has_no_silent_workers(monkeypatch: pytest.MonkeyPatch) -> None:

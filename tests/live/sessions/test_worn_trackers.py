@@ -17,7 +17,7 @@ from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.formats.protocol import SignalFrame
 from bodysense.observing.observation import Observation
 from bodysense_live.protocols.links import signal_of
-from bodysense_live.server.messages import Calibrate, Notice
+from bodysense_live.server.messages import Calibrate, Notice, UpdateSettings
 from bodysense_live.server.session_slot import SessionSlot, WearerFile
 from bodysense_live.sessions.session import Session
 from bodysense_live.sessions.tracked_devices import SIGNALS, DeviceState, TrackedDevice, TrackedDevices
@@ -116,6 +116,87 @@ def test_calibration_reassigns_trackers_that_are_worn_elsewhere() -> None:
     one.apply(Calibrate())
     play(one, frames(40))
     assert one.tracker_joints == {"tracker_1": "left_ankle", "tracker_2": "right_ankle", "tracker_3": "pelvis"}
+
+
+def worn(**joints: str) -> UpdateSettings:
+    return UpdateSettings({"worn": [{"tracker": name, "joint": joint} for name, joint in joints.items()]})
+
+
+def places(observation: Observation) -> dict[str, list[float]]:
+    return {
+        name: observation.position[0, k].round(6).tolist()
+        for k, name in enumerate(observation.points)
+        if observation.has_position[0, k]
+    }
+
+
+def test_trackers_are_moved_ignored_and_forgotten_by_settings() -> None:
+    one = Session(SIGNALS, WEARER)
+    one.assign_trackers({"tracker_1": "left_ankle", "tracker_2": "right_ankle", "tracker_3": "pelvis"})
+    (first,) = play(one, frames(1))
+    before, revision = places(first), one.revision
+    one.apply(worn(tracker_1="right_ankle", tracker_2="left_ankle", tracker_3=""))
+    (second,) = play(one, frames(1, start=1))
+    now = places(second)
+    assert now["left_ankle"] == before["right_ankle"] and now["right_ankle"] == before["left_ankle"]
+    assert "pelvis" not in now  # ignored
+    assert tracked(second) == {"head"}  # the mounts were those of other trackers
+    assert one.revision > revision and one.calibrated is not None and not one.calibrated.mounts
+    assert one.tracker_joints == {"tracker_1": "right_ankle", "tracker_2": "left_ankle"}
+    one.apply(worn(tracker_1="right_ankle"))
+    assert one.tracker_joints == {"tracker_1": "right_ankle"}  # the others wait for a calibration again
+
+
+def test_ignored_trackers_stay_ignored_when_the_wearer_is_measured() -> None:
+    one = Session(SIGNALS, WEARER)
+    one.apply(worn(tracker_2=""))
+    one.apply(Calibrate())
+    play(one, frames(40))
+    assert one.tracker_joints == {"tracker_1": "left_ankle", "tracker_3": "pelvis"}
+
+
+def test_a_tracker_is_worn_elsewhere_than_its_name_says() -> None:
+    one = Session(("headset", "left_knee_tracker", "right_knee_tracker"), WEARER)
+    one.apply(worn(left_knee_tracker="left_ankle"))
+    seen = SignalFrame(
+        0, 0.0, np.arange(3), np.full(3, 3), np.eye(3, dtype=np.float32), np.eye(4, dtype=np.float32)[:3]
+    )
+    (observation,) = play(one, [seen])
+    assert set(places(observation)) == {"head", "left_ankle", "right_knee"}
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (
+            {"worn": [{"tracker": "tracker_1", "joint": "left_toe"}]},
+            "tracker_1 on 'left_toe'; a tracker is worn on pelv",
+        ),
+        (
+            {"worn": [{"tracker": "a", "joint": "pelvis"}, {"tracker": "b", "joint": "pelvis"}]},
+            "'pelvis' is named twice",
+        ),
+        ({"worn": [{"tracker": "a", "joint": ""}, {"tracker": "a", "joint": ""}]}, "'a' is named twice"),
+        ({"lengths": [{"start": "left_hip", "end": "knee", "metres": 0.4}]}, "a length from 'knee'; valid are"),
+        ({"lengths": [{"start": "left_hip", "end": "left_knee", "metres": 40}]}, "left_hip to left_knee: 40 m; give"),
+    ],
+)
+def test_impossible_places_and_lengths_are_refused(change: dict[str, object], reason: str) -> None:
+    one = Session(SIGNALS, WEARER)
+    with pytest.raises(BodysenseError, match=reason):
+        one.apply(UpdateSettings(change))
+    assert not one.settings.worn and not one.settings.lengths
+
+
+def test_known_lengths_are_those_of_the_body() -> None:
+    one = Session(SIGNALS, Person())
+    thighs = [{"start": f"{side}_hip", "end": f"{side}_knee", "metres": 0.46} for side in ("left", "right")]
+    one.apply(UpdateSettings({"lengths": thighs, "height": 1.75}))
+    assert one.height == pytest.approx(1.75, abs=0.02)
+    thigh = one.skeleton.rest_offset[one.skeleton.index("left_knee")]
+    assert np.linalg.norm(thigh) == pytest.approx(0.46, abs=0.012)
+    one.apply(UpdateSettings({"lengths": []}))
+    assert abs(np.linalg.norm(one.skeleton.rest_offset[one.skeleton.index("left_knee")]) - 0.46) > 0.02
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,21 @@ export type Posture = "standing" | "seated";
 
 export type Source = "replay" | "vmc" | "markers" | "vmt" | "vrchat" | "slimevr" | "solarxr" | "camera";
 
+/** Where a strapped tracker is worn. */
+export interface Worn {
+  /** Its name in the signal. */
+  tracker: string;
+  /** The joint that carries it; empty: the tracker is ignored. */
+  joint: string;
+}
+
+/** A known distance between two joints of the wearer in the T-pose. */
+export interface KnownLength {
+  start: string;
+  end: string;
+  metres: number;
+}
+
 /** Settings of one session. A client may change each at any time. */
 export interface Settings {
   /** Height of the wearer in m; null: it is inferred with the other proportions. */
@@ -38,6 +53,10 @@ export interface Settings {
   floor: number;
   /** Hold standing feet in place, and keep feet above the floor. */
   hold_feet: boolean;
+  /** Known lengths of the wearer; the others are inferred. */
+  lengths: KnownLength[];
+  /** Where trackers are worn, if not where their names say. Calibration adds the joints that it finds. */
+  worn: Worn[];
 }
 
 /** A session of an earlier connection. */

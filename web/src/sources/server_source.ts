@@ -7,6 +7,7 @@ import type { History } from "../takes/history";
 import type { Calibrate, Recentre, Resume, Settings, Source as Input, Welcome } from "../server/protocol";
 import { Connection, socketAddress } from "../server/connection";
 import type { PoseFrame, SignalFrame } from "../server/frames";
+import type { Worn } from "../wearer/trackers";
 import { UNMOVED, applyPlacement, type Placement } from "./placement";
 
 /** One of the server's own inputs, or the session of another client; null: the first of the inputs. */
@@ -34,6 +35,8 @@ const SILENT = 5000; // ms without a body after which an input is silent
 export class ServerSource {
   title = WATCHING;
   sensors: readonly string[] = [];
+  trackers: readonly string[] = []; // points of the signals so far
+  worn: Worn = {};
   private readonly connection: Connection;
   private signal: SignalFrame | null = null; // signal and truth arrive right before their pose
   private truth: PoseFrame | null = null;
@@ -60,7 +63,12 @@ export class ServerSource {
       }),
       {
         welcome: (message) => this.begin(message),
-        signal: (frame) => (this.signal = frame),
+        signal: (frame) => {
+          this.signal = frame;
+          const names = frame.points.map(({ point }) => this.sensors[point] ?? "");
+          if (names.some((name) => !this.trackers.includes(name)))
+            this.trackers = [...new Set([...this.trackers, ...names])];
+        },
         truth: (frame) => (this.truth = frame),
         pose: (frame) => this.show(frame),
         message: (message) => {
@@ -116,6 +124,7 @@ export class ServerSource {
     }
     this.welcome = message;
     this.sensors = message.signal;
+    this.worn = Object.fromEntries(message.settings.worn.map(({ tracker, joint }) => [tracker, joint]));
     const { joints, points, parents, rest_offset } = message;
     this.skeleton = { joints: joints.length, points, parents, restOffset: Float32Array.from(rest_offset.flat()) };
     this.title = this.watched && "follow" in this.watched ? "Another wearer" : WATCHING;

@@ -96,6 +96,10 @@ export class Watching implements Source {
     return this.first.sensors;
   }
 
+  get trackers(): readonly string[] {
+    return this.first.trackers;
+  }
+
   frame(): void {
     for (const companion of this.companions) companion.draw();
   }

@@ -1,6 +1,6 @@
 /** The webcam's picture, small next to the body, with the landmarks that were found and a line on its state. */
 
-import { element, find } from "../page";
+import { button, element, find } from "../page";
 
 /** Landmarks in the picture, 0 … 1 from its top left corner, and how sure each is. */
 export type Marks = readonly { readonly x: number; readonly y: number; readonly visibility?: number }[];
@@ -21,7 +21,15 @@ export class CameraPicture {
   private readonly canvas = find("camera-picture", HTMLCanvasElement);
   private readonly context = this.canvas.getContext("2d");
 
-  /** Draw a picture as a mirror shows it, with the landmarks that were found in it. */
+  /** `mirror` says whether pictures are drawn as a mirror shows them; `switched` is called to change that. */
+  constructor(
+    private readonly mirror: () => boolean,
+    switched: () => void,
+  ) {
+    button("camera-mirror").onclick = switched;
+  }
+
+  /** Draw a picture with the landmarks that were found in it. */
   draw(
     picture: HTMLVideoElement | ImageBitmap,
     marks: Marks = [],
@@ -33,7 +41,9 @@ export class CameraPicture {
     const height = Math.round((WIDTH * up) / across);
     if (this.canvas.height !== height) [this.canvas.width, this.canvas.height] = [WIDTH, height];
     const { context } = this;
-    context.setTransform(-1, 0, 0, 1, WIDTH, 0);
+    const isMirrored = this.mirror();
+    button("camera-mirror").setAttribute("aria-pressed", String(isMirrored));
+    context.setTransform(isMirrored ? -1 : 1, 0, 0, 1, isMirrored ? WIDTH : 0, 0);
     context.drawImage(picture, 0, 0, WIDTH, height);
     context.strokeStyle = context.fillStyle = COLOUR;
     context.lineWidth = 3;

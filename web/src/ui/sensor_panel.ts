@@ -1,7 +1,17 @@
-/** The panel of sensors: simulated ones, and parts of the body that can be switched off. */
+/** The panel of sensors: simulated ones, parts of the body that can be switched off, and where trackers are worn. */
 
 import type { SensorSet } from "../body/clip";
-import { choice, element } from "../page";
+import { choice, element, made } from "../page";
+import { nameOf, placeOf, PLACES, usualPlace, type Worn } from "../wearer/trackers";
+
+export interface SensorEvents {
+  set(set: SensorSet): void;
+  hidden(points: ReadonlySet<string>): void;
+  /** A tracker is worn on a joint; "": nowhere. */
+  move(tracker: string, joint: string): void;
+  /** The user calls a tracker by a name; "": by its own. */
+  name(tracker: string, name: string): void;
+}
 
 const PARTS: readonly (readonly [RegExp, string])[] = [
   [/^(headset|head|neck|head_top|nose)$/, "Head"],
@@ -12,13 +22,45 @@ const PARTS: readonly (readonly [RegExp, string])[] = [
 
 export class SensorPanel {
   private offered = "";
+  private listed = "";
 
   constructor(
     set: SensorSet,
-    picked: (set: SensorSet) => void,
-    private readonly hidden: (points: ReadonlySet<string>) => void,
+    private readonly events: SensorEvents,
   ) {
-    choice("set", set, picked);
+    choice("set", set, events.set);
+  }
+
+  /** List the strapped trackers among tracked points, where they are worn and what they are called. */
+  list(points: readonly string[], worn: Worn, names: Readonly<Record<string, string>>): void {
+    const trackers = points.filter((point) => usualPlace(point) !== null);
+    const state = JSON.stringify([trackers, worn, names]);
+    if (state === this.listed) return;
+    this.listed = state;
+    const focused = document.activeElement?.id ?? "";
+    element("trackers").hidden = trackers.length === 0;
+    element("tracker-list").replaceChildren(
+      ...trackers.map((tracker) => this.row(tracker, placeOf(tracker, worn), names[tracker] ?? nameOf(tracker))),
+    );
+    document.getElementById(focused)?.focus(); // a redrawn list keeps the focus
+  }
+
+  private row(tracker: string, joint: string, name: string): HTMLLIElement {
+    const { events } = this;
+    const field = made("input", `Name of ${nameOf(tracker)}`, { type: "text", value: name, id: `tracker-${tracker}` });
+    field.onchange = () => events.name(tracker, field.value.trim());
+    const place = made("select", `Where ${name} is worn`, { id: `worn-${tracker}` });
+    place.append(new Option("Nowhere", ""), ...Object.entries(PLACES).map(([value, text]) => new Option(text, value)));
+    place.value = joint;
+    place.onchange = () => events.move(tracker, place.value);
+    const forget = made("button", `Forget ${name}`, { textContent: "×", className: "quiet" });
+    forget.onclick = () => {
+      events.name(tracker, "");
+      events.move(tracker, usualPlace(tracker) ?? "");
+    };
+    const item = document.createElement("li");
+    item.append(field, place, forget);
+    return item;
   }
 
   /** Offer the tracked parts of a source; `isSimulated`: its sensors may be chosen. */
@@ -30,7 +72,8 @@ export class SensorPanel {
     if (names === this.offered) return;
     this.offered = names;
     const boxes: [HTMLInputElement, readonly string[]][] = [];
-    const report = (): void => this.hidden(new Set(boxes.flatMap(([box, members]) => (box.checked ? [] : members))));
+    const report = (): void =>
+      this.events.hidden(new Set(boxes.flatMap(([box, members]) => (box.checked ? [] : members))));
     report();
     const fieldset = element("parts");
     for (const label of fieldset.querySelectorAll("label")) label.remove();

@@ -32,6 +32,8 @@ export const WELCOME = {
     hidden: [],
     floor: 0,
     hold_feet: true,
+    lengths: [],
+    worn: [],
   },
   sources: ["replay"],
   recording: false,

@@ -65,13 +65,55 @@ await scenario(
       const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
       return { notices, most, isShown: canvas.checkVisibility(), colours: new Set(new Uint32Array(data.buffer)).size };
     });
+    const mirror = await mirrored(page);
     const [download] = await Promise.all([page.waitForEvent("download"), page.dispatchEvent("#save-bvh", "click")]);
     await download.saveAs(`${picture}.bvh`);
     await page.dispatchEvent("#open-performance", "click");
     await until(page, "#source", "performance");
     const isGone = await page.isHidden("#camera");
-    return { nobody, points, summary, notice, small, isGone, rate: await page.textContent("#rate") };
+    return { nobody, points, summary, notice, small, mirror, isGone, rate: await page.textContent("#rate") };
   },
   [...FAKE, `--use-file-for-fake-video-capture=${film}`],
 );
 site.close();
+
+/** The switch at the webcam's picture: how much picture and body change by it, how much without it, and what is kept. */
+async function mirrored(page) {
+  await page.dispatchEvent("#play", "click"); // the body stands still
+  const look = async () => {
+    await page.waitForTimeout(3000);
+    const small = await page.evaluate(() => document.getElementById("camera-picture").toDataURL());
+    await page.evaluate(() => (document.getElementById("camera").style.visibility = "hidden"));
+    const body = (await page.screenshot()).toString("base64");
+    await page.evaluate(() => (document.getElementById("camera").style.visibility = ""));
+    return { small, body: `data:image/png;base64,${body}` };
+  };
+  const states = () =>
+    page.evaluate(() => [
+      document.getElementById("camera-mirror").getAttribute("aria-pressed"),
+      document.getElementById("mirrored").checked,
+      JSON.parse(localStorage.getItem("bodysense.page") ?? "{}").mirroredWebcam ?? null,
+    ]);
+  const [first, second, before] = [await look(), await look(), await states()];
+  await page.dispatchEvent("#camera-mirror", "click");
+  const [third, after] = [await look(), await states()];
+  const apart = (one, other, isFlipped = false) => page.evaluate(difference, [one, other, isFlipped]);
+  return {
+    states: [before, after],
+    body: [await apart(first.body, second.body), await apart(first.body, third.body)],
+    picture: [await apart(first.small, third.small), await apart(first.small, third.small, true)],
+  };
+}
+
+/** Mean difference of two pictures, the second one flipped or not. */
+async function difference([one, other, isFlipped]) {
+  const pixels = async (address, isTurned) => {
+    const image = await createImageBitmap(await (await fetch(address)).blob());
+    const context = new OffscreenCanvas(image.width, image.height).getContext("2d");
+    context.setTransform(isTurned ? -1 : 1, 0, 0, 1, isTurned ? image.width : 0, 0);
+    context.drawImage(image, 0, 0);
+    return context.getImageData(0, 0, image.width, image.height).data;
+  };
+  const [a, b] = [await pixels(one, false), await pixels(other, isFlipped)];
+  return a.reduce((sum, value, k) => sum + Math.abs(value - b[k]), 0) / a.length;
+}

@@ -39,6 +39,7 @@ const WELCOME = {
   parents,
   rest_offset: points.map((_, point) => [...restOffset.subarray(3 * point, 3 * point + 3)]),
   signal: ["head"],
+  settings: { worn: [{ tracker: "tracker_1", joint: "left_knee" }] },
   sources: ["replay"],
 } as unknown as Welcome;
 

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import threading
 import time
 from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,6 +20,7 @@ from drawn_sequences import failing, numbered
 from bodysense.errors import BodysenseError
 from bodysense.parallel import prefetched
 from bodysense_lab.completion.data.sequences import Sequence
+from bodysense_lab.completion.training import drawing as drawing_module
 from bodysense_lab.completion.training.drawing import Drawing, read_block, write_block
 from bodysense_lab.completion.training.packaged import packaged_sampler
 
@@ -30,29 +36,92 @@ def test_a_block_is_read_as_it_was_written(tmp_path: Path) -> None:
             np.testing.assert_array_equal(again, value)
 
 
+class Worker(threading.Thread):
+    """A worker in a thread, which ends with its first block after `terminate`."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self.lock, self.is_ended = threading.Lock(), False
+
+    def run(self) -> None:
+        with suppress(Ended):
+            super().run()
+
+    def terminate(self) -> None:
+        with self.lock:
+            self.is_ended = True
+
+
+class Ended(Exception):
+    """A worker was terminated."""
+
+
+@pytest.fixture
+def workers_in_threads(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Draw in threads: each process would import PyTorch."""
+    workers: list[Worker] = []
+
+    def started(**given: Any) -> Worker:
+        workers.append(Worker(**given))
+        return workers[-1]
+
+    def write(path: Path, sequences: list[Sequence]) -> None:
+        worker = threading.current_thread()
+        assert isinstance(worker, Worker)
+        with worker.lock:
+            if worker.is_ended:
+                raise Ended
+            write_block(path, sequences)
+
+    monkeypatch.setattr(drawing_module, "get_context", lambda method: SimpleNamespace(Process=started))
+    monkeypatch.setattr(drawing_module, "end_with_parent", lambda: None)
+    monkeypatch.setattr(drawing_module, "write_block", write)
+    yield
+    for worker in workers:
+        worker.join(10)
+        assert not worker.is_alive()
+
+
+@pytest.mark.usefixtures("workers_in_threads")
 def test_each_sequence_is_played_once_in_a_fixed_order(tmp_path: Path) -> None:
     """Two workers take turns by block. The order does not depend on their speed."""
-    drawing = Drawing(numbered, tmp_path / "ring", processes=2, block=3, places=4)
     runs = []
-    for _ in range(2):
-        drawn = drawing.sequences(5)
+    for name in ("first", "second"):
+        drawn = Drawing(numbered, tmp_path / name, processes=2, block=3, places=4).sequences(5)
         runs.append([(one.size, one.interval) for one in itertools.islice(drawn, 30)])
         drawn.close()
     assert runs[0] == runs[1] and len({size for size, _ in runs[0]}) == 30
     counts = [interval for _, interval in runs[0]]
     assert counts[:12] == [1, 2, 3, 1, 2, 3, 4, 5, 6, 4, 5, 6], "a block of each worker in turn"
-    assert not (tmp_path / "ring").exists()
-    other = drawing.sequences(6)
+    assert not (tmp_path / "second").exists()
+    other = Drawing(numbered, tmp_path / "other", processes=2, block=3, places=4).sequences(6)
     assert (next(other).size, 1.0) != runs[0][0]
     other.close()
 
 
+@pytest.mark.usefixtures("workers_in_threads")
 def test_sequences_are_played_again_while_workers_are_slower(tmp_path: Path) -> None:
-    drawing = Drawing(numbered, tmp_path / "ring", processes=1, plays=3, block=2, places=3)
-    drawn = drawing.sequences(1)
+    def slowly(rng: np.random.Generator) -> Callable[[], Sequence]:
+        draw = numbered(rng)
+
+        def wait_and_draw() -> Sequence:
+            time.sleep(0.02)
+            return draw()
+
+        return wait_and_draw
+
+    drawn = Drawing(slowly, tmp_path / "ring", processes=1, plays=3, block=2, places=3).sequences(1)
     played = Counter(one.size for one in itertools.islice(drawn, 60))
     drawn.close()
     assert max(played.values()) <= 3 and len(played) < 60
+
+
+def test_a_worker_is_a_process_of_its_own(tmp_path: Path) -> None:
+    drawn = Drawing(numbered, tmp_path / "ring", processes=1, block=3, places=2).sequences(5)
+    draw = numbered(np.random.default_rng([5, 0]))
+    assert [one.size for one in itertools.islice(drawn, 7)] == [draw().size for _ in range(7)]
+    drawn.close()
+    assert not (tmp_path / "ring").exists()
 
 
 def test_a_worker_that_ends_is_reported(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import { LandmarkPoints } from "./landmarks";
 import { mixed, type Vector } from "../../body/math";
 import type { FromCamera, ToCamera } from "../../engine/camera_worker";
 import type { Live } from "../../live";
-import { CameraPicture } from "../../ui/camera_picture";
+import type { CameraPicture } from "../../ui/camera_picture";
 import { Presence } from "./presence";
 import type { Source } from "../source";
 
@@ -25,10 +25,14 @@ const REFUSALS: Readonly<Record<string, string>> = {
 };
 
 /** Open the webcam. Throws an Error of one line that names the missing part. */
-export async function openWebcam(base: string, live: Live, say: (text: string | null) => void): Promise<Source> {
+export async function openWebcam(
+  base: string,
+  live: Live,
+  small: CameraPicture,
+  say: (text: string | null) => void,
+): Promise<Source> {
   if (!navigator.mediaDevices)
     throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
-  const small = new CameraPicture();
   small.say("The browser asks for the webcam …");
   const stream = await navigator.mediaDevices
     .getUserMedia({ video: { width: 640, height: 480, facingMode: "user" } })
@@ -48,6 +52,7 @@ export async function openWebcam(base: string, live: Live, say: (text: string | 
 
 class Webcam implements Source {
   readonly isYou = true;
+  readonly isWebcam = true;
   readonly guide =
     "Stand back until the picture holds you from head to hips, better to the feet. It stays in this browser.";
   sensors: readonly string[] = [];

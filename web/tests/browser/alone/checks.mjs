@@ -92,6 +92,33 @@ await scenario({ viewport: { width: 320, height: 700 }, colorScheme: "light" }, 
       }),
     );
   }
+  // A webcam's picture is seen whole in windows of any size, whatever is open and wherever the page is scrolled to.
+  facts.overPicture = {};
+  await page.evaluate(() => (document.getElementById("camera").hidden = false));
+  await page.evaluate(
+    () => (document.getElementById("camera-says").textContent = "Nobody is seen. You were in 40 % of the pictures"),
+  );
+  for (const [width, height] of [
+    [320, 568],
+    [390, 844],
+    [768, 1024],
+    [568, 320],
+    [844, 390],
+    [833, 545],
+    [900, 560],
+    [1000, 640],
+    [1280, 800],
+    [1920, 1080],
+  ]) {
+    await page.setViewportSize({ width, height });
+    for (const open of ["", "takes", "settings"]) {
+      facts.overPicture[`${width} x ${height} ${open}`] = await page.evaluate(overPicture, open);
+    }
+  }
+  await page.evaluate(() => (document.getElementById("camera").hidden = true));
+  // On a lying phone the figure has most of the picture.
+  await page.setViewportSize({ width: 844, height: 390 });
+  facts.lying = await page.evaluate(() => document.getElementById("stage").clientHeight / innerHeight);
   // In windows of any height the introduction is between the header and the timeline.
   facts.introduced = {};
   for (const [width, height] of [
@@ -120,3 +147,30 @@ await scenario({ viewport: { width: 320, height: 700 }, colorScheme: "light" }, 
   await completed();
   return facts;
 }).finally(() => site.close());
+
+/** What is over the webcam's picture or cuts it, with one panel open and the page scrolled to several places. */
+function overPicture(open) {
+  const CORNER = 7; // pixels: corners are round
+  for (const name of ["takes", "settings"])
+    if ((document.getElementById(name).ariaExpanded === "true") !== (name === open))
+      document.getElementById(name).click();
+  const { scrollingElement: scrolled } = document;
+  const [start, most] = [scrolled.scrollTop, scrolled.scrollHeight - innerHeight];
+  const found = new Set();
+  for (const top of [start, 0, most / 3, most]) {
+    scrolled.scrollTop = top;
+    const box = document.getElementById("camera").getBoundingClientRect();
+    if (Math.min(box.left, box.top, innerWidth - box.right, innerHeight - box.bottom) < 0)
+      found.add("the window's edge");
+    for (let k = 0; k < 49; k++) {
+      const [x, y] = [(k % 7) / 6, Math.floor(k / 7) / 6];
+      const over = document.elementFromPoint(
+        box.left + CORNER + x * (box.width - 2 * CORNER),
+        box.top + CORNER + y * (box.height - 2 * CORNER),
+      );
+      if (over && !over.closest("#camera")) found.add(over.id || over.outerHTML.slice(0, 80));
+    }
+  }
+  scrolled.scrollTop = 0;
+  return [...found];
+}

@@ -18,9 +18,9 @@ def layer_precision(device: torch.device) -> torch.dtype:
     return torch.float32
 
 
-def layer_autocast(device: torch.device, precision: torch.dtype | None = None) -> torch.autocast:
+def layer_autocast(device: torch.device, precision: torch.dtype | None = None) -> torch.autocast:  # noqa: TID251
     """Return the context in which layers run in a precision, by default `layer_precision`.
 
     Keep geometry outside: it needs the digits.
     """
-    return torch.autocast(device.type, torch.bfloat16, enabled=(precision or layer_precision(device)) == torch.bfloat16)
+    return torch.autocast(device.type, torch.bfloat16, enabled=(precision or layer_precision(device)) == torch.bfloat16)  # noqa: TID251

@@ -46,6 +46,7 @@ _CARRIERS = (
 # Strapped trackers by name → joint. Their rotations are used once their mounting is known.
 TRACKERS = {"hip": "pelvis", "waist": "pelvis", "chest": "spine3"} | {f"{joint}_tracker": joint for joint in _CARRIERS}
 UNASSIGNED = tuple(f"tracker_{k}" for k in range(1, 9))  # trackers whose joints calibration finds
+STRAPPED = (*TRACKERS, *UNASSIGNED)
 _SEGMENTS = {"phalanx-proximal": "1", "phalanx-intermediate": "2", "phalanx-distal": "3", "tip": "_tip"}
 _THUMB = {"metacarpal": "1", "phalanx-proximal": "2", "phalanx-distal": "3", "tip": "_tip"}
 # Axes x, y, z of a device's frame, as columns, if the wearer is in the T-pose.
@@ -78,7 +79,8 @@ def point_mapping(
     Args:
         names: names of the signal's points.
         skeleton: the wearer's; its size scales the distance of a device from its joint.
-        tracker_joints: joints of unassigned trackers; those without a joint keep their names.
+        tracker_joints: joints of strapped trackers that are worn elsewhere than their names say, and of unassigned
+            ones; '' if a tracker is ignored. Unassigned trackers without a joint keep their names.
     """
     if len(names) > MOST_POINTS:
         raise ProtocolError(f"{len(names)} points; give at most {MOST_POINTS}")
@@ -86,15 +88,10 @@ def point_mapping(
     if twice:
         raise ProtocolError(f"the point {twice[0]!r} is named twice; give it once")
     rows = [
-        (tracker_joints.get(name, name), IDENTITY, ZERO, True) if name in UNASSIGNED else _device_point(name, skeleton)
-        for name in names
+        _strapped_point(name, tracker_joints) if name in STRAPPED else _device_point(name, skeleton) for name in names
     ]
     points = tuple(dict.fromkeys(row[0] for row in rows if row is not None))
-    not_strapped = {
-        row[0]
-        for name, row in zip(names, rows, strict=True)
-        if row is not None and name not in (*TRACKERS, *UNASSIGNED)
-    }
+    not_strapped = {row[0] for name, row in zip(names, rows, strict=True) if row is not None and name not in STRAPPED}
     used = [(points.index(row[0]), *row[1:]) if row is not None else (-1, IDENTITY, ZERO, False) for row in rows]
     target, turn, shift, gives_rotation = zip(*used, strict=True) if used else ((), (), (), ())
     turns, shifts = np.array(turn).reshape(-1, 4), np.array(shift).reshape(-1, 3)
@@ -239,6 +236,12 @@ def _frame_layout(mapping: PointMapping, point: bytes, visible: bytes) -> _Frame
     )
 
 
+def _strapped_point(name: str, tracker_joints: Mapping[str, str]) -> tuple[str, np.ndarray, np.ndarray, bool] | None:
+    """Return the same as `_device_point` for a strapped tracker."""
+    joint = tracker_joints.get(name, TRACKERS.get(name, name))
+    return (joint, IDENTITY, ZERO, True) if joint else None
+
+
 def _device_point(name: str, skeleton: Skeleton) -> tuple[str, np.ndarray, np.ndarray, bool] | None:
     """Return a device's point, turn, shift and `gives_rotation` (see `PointMapping`); None for an unused device."""
     size = skeleton.height / default_skeleton().height
@@ -247,8 +250,6 @@ def _device_point(name: str, skeleton: Skeleton) -> tuple[str, np.ndarray, np.nd
     side, _, rest = name.partition("_")
     if rest == "controller" and side in _GRIP:
         return f"{side}_wrist", _inverse(_GRIP[side]), -size * _landmark(f"{side}_palm"), True
-    if name in TRACKERS:
-        return TRACKERS[name], IDENTITY, ZERO, True
     if name in IMUS:
         return name, IDENTITY, ZERO, True
     if glove_marker(name) is not None:

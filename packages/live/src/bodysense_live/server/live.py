@@ -244,7 +244,7 @@ class Live:
     def _restore(self, hello: Hello, resume: Resume, generation: int, stored: StoredSession) -> SessionSlot:
         """Return a slot with a session of another process."""
         self._make_room()
-        session = Session(hello.points, stored.person, stored.settings, stored.placement, stored.worn)
+        session = Session(hello.points, stored.person, stored.settings, stored.placement)
         slot = SessionSlot(
             resume.session, stored.token, stored.watch_token, stored.name, session, generation=generation
         )

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from bodysense.body.person import SHORTEST, TALLEST
+from bodysense.body.skeleton import BODY
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import MOST_POINTS, VERSION
+from bodysense.tracking.calibration import TRACKER_JOINTS
 
 Region = Literal["torso", "head", "arms", "fingers", "legs"]
 Posture = Literal["standing", "seated"]
@@ -15,7 +17,44 @@ Source = Literal["replay", "vmc", "markers", "vmt", "vrchat", "slimevr", "solarx
 REGIONS: tuple[Region, ...] = get_args(Region)
 LONGEST_NAME = 64  # characters
 LONGEST_HALF_LIFE = 0.5  # s, of smoothing
+SHORTEST_LENGTH, LONGEST_LENGTH = 0.02, 2.3  # m, between two joints
+MOST_LENGTHS = 24  # of one wearer; the core takes 32, measured ones included
 _DEEPEST_FLOOR = 10.0  # m
+
+
+@dataclass(frozen=True)
+class Worn:
+    """Where a strapped tracker is worn."""
+
+    tracker: str
+    """Its name in the signal."""
+    joint: str
+    """The joint that carries it; empty: the tracker is ignored."""
+
+    def __post_init__(self) -> None:
+        if self.joint and self.joint not in TRACKER_JOINTS:
+            raise BodysenseError(
+                f"{self.tracker} on {self.joint!r}; a tracker is worn on {', '.join(TRACKER_JOINTS)}, or '' for none"
+            )
+
+
+@dataclass(frozen=True)
+class KnownLength:
+    """A known distance between two joints of the wearer in the T-pose."""
+
+    start: str
+    end: str
+    metres: float
+
+    def __post_init__(self) -> None:
+        for joint in (self.start, self.end):
+            if joint not in BODY:
+                raise BodysenseError(f"a length from {joint!r}; valid are {', '.join(BODY)}")
+        if not SHORTEST_LENGTH <= self.metres <= LONGEST_LENGTH:
+            raise BodysenseError(
+                f"{self.start} to {self.end}: {self.metres:g} m; "
+                f"give metres between {SHORTEST_LENGTH:g} and {LONGEST_LENGTH:g}"
+            )
 
 
 @dataclass(frozen=True)
@@ -38,6 +77,10 @@ class Settings:
     """Height of the floor in m, above y = 0."""
     hold_feet: bool = True
     """Hold standing feet in place, and keep feet above the floor."""
+    lengths: tuple[KnownLength, ...] = ()
+    """Known lengths of the wearer; the others are inferred."""
+    worn: tuple[Worn, ...] = ()
+    """Where trackers are worn, if not where their names say. Calibration adds the joints that it finds."""
 
     def __post_init__(self) -> None:
         if self.height is not None and not SHORTEST <= self.height <= TALLEST:
@@ -52,6 +95,15 @@ class Settings:
             )
         if len(self.hidden) > MOST_POINTS:
             raise BodysenseError(f"{len(self.hidden)} hidden points; a signal has at most {MOST_POINTS}")
+        if len(self.lengths) > MOST_LENGTHS:
+            raise BodysenseError(f"{len(self.lengths)} lengths; give at most {MOST_LENGTHS}")
+        for name, values in (
+            ("tracker", [one.tracker for one in self.worn]),
+            ("joint", [one.joint for one in self.worn if one.joint]),
+        ):
+            twice = next((value for value in values if values.count(value) > 1), None)
+            if twice is not None:
+                raise BodysenseError(f"worn: the {name} {twice!r} is named twice; give it once")
 
 
 @dataclass(frozen=True)

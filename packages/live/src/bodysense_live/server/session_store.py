@@ -43,7 +43,6 @@ class StoredSession:
     settings: Settings
     person: Person
     placement: Placement
-    worn: dict[str, str]  # unassigned trackers → joints
 
     def to_json(self) -> str:
         """Return the text to store."""
@@ -177,7 +176,6 @@ def read_session(state: bytes | str | None) -> StoredSession | None:
             changed(Settings(), row["settings"]),
             Person.from_json(row["person"]),
             Placement(float(row["placement"]["heading"]), (float(x), float(y), float(z))),
-            {str(name): str(joint) for name, joint in row["worn"].items()},
         )
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError, BodysenseError):
         return None

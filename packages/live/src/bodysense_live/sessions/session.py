@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 
 import numpy as np
 
@@ -17,12 +16,21 @@ from bodysense.body.person import Person
 from bodysense.body.shape import Measured, stature
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
+from bodysense.geometry.rigid import RigidTransform
 from bodysense.io.formats.protocol import SignalFrame, read_signal, signal_time
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import chosen_points
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.tracker import Tracker, TrackerSettings
-from bodysense_live.protocols.webxr import UNASSIGNED, Placement, point_mapping, raised, recentred, to_observation
+from bodysense_live.protocols.webxr import (
+    TRACKERS,
+    UNASSIGNED,
+    Placement,
+    point_mapping,
+    raised,
+    recentred,
+    to_observation,
+)
 from bodysense_live.server.message_text import changed
 from bodysense_live.server.messages import (
     Calibrate,
@@ -33,6 +41,7 @@ from bodysense_live.server.messages import (
     ServerMessage,
     Settings,
     UpdateSettings,
+    Worn,
 )
 from bodysense_live.sessions.answer import Answer, CompletionJob
 from bodysense_live.sessions.body_display import BodyDisplay
@@ -45,6 +54,7 @@ from bodysense_live.sessions.worn_trackers import PlaceMatch
 SKELETON_TOLERANCE = 0.001  # m; smaller changes of points of the T-pose are not sent
 SKELETON_INTERVAL = 0.1  # s; skeletons are sent at most this often
 _INFERRED = 0.02  # m, standard deviation of an inferred height
+_KNOWN = 0.01  # m, of a length that a person gives: joints cannot be seen from outside
 
 
 class Session:
@@ -57,7 +67,6 @@ class Session:
         person: the wearer, as known if no height is set.
         settings: the client's settings.
         placement: of the signal's world in the body's.
-        tracker_joints: unassigned trackers → the joints that they are worn on.
         eased: ease the body over half a second if it would jump because a tracker is lost or found.
     """
 
@@ -67,7 +76,6 @@ class Session:
         person: Person = Person(),
         settings: Settings = Settings(),
         placement: Placement = Placement(),
-        tracker_joints: Mapping[str, str] = MappingProxyType({}),
         eased: bool = False,
     ) -> None:
         self.points = tuple(points)
@@ -85,7 +93,6 @@ class Session:
         self._raise_pending = settings.posture == "seated"  # until a frame has the headset
         self._standing: list[Observation] | None = None  # frames of a running calibration
         self._arms_out = False  # stance of the running calibration
-        self._tracker_joints = dict(tracker_joints)
         self._match = PlaceMatch()
         self._inertial = InertialSensors.of(person)
         self._skeleton_sent_at = -math.inf  # moment, s
@@ -100,12 +107,15 @@ class Session:
         self.set_points(self.points)
 
     def _wearer(self) -> Person:
-        """Return the calibrated person with the height of the settings."""
+        """Return the calibrated person with the height and the lengths of the settings."""
         height, base = self.settings.height, self._base
-        if height is None:
+        known = {(one.start, one.end): Measured(one.metres, _KNOWN) for one in self.settings.lengths}
+        if height is None and not known:
             return base
-        if base.bone_deviation.any():
-            return Person(height=height, lengths=base.lengths, mounts=base.mounts, hands=base.hands)
+        if known or base.bone_deviation.any():
+            lengths = {**base.lengths, **known}
+            return Person(height=height or base.height, lengths=lengths, mounts=base.mounts, hands=base.hands)
+        assert height is not None
         offset = base.skeleton.rest_offset
         scaled = base.skeleton.with_offsets(offset * (height / float(stature(offset))))
         return Person(scaled, mounts=base.mounts, hands=base.hands)
@@ -119,14 +129,14 @@ class Session:
         if not self._clock.has_started:  # no body was displayed yet, so its size may jump
             self._state = pipeline.start()
             self.skeleton = pipeline.tracker.people[0].skeleton
-            self._mapping = point_mapping(self.points, self.skeleton, self._tracker_joints)
+            self._mapping = point_mapping(self.points, self.skeleton, self._worn)
         else:
             self._state = pipeline.continued(self._pipeline, self._state)
         self._pipeline = pipeline
 
     def set_points(self, points: Sequence[str]) -> None:
         """Set the names of the signal's points."""
-        self._mapping = point_mapping(points, self.skeleton, self._tracker_joints)
+        self._mapping = point_mapping(points, self.skeleton, self._worn)
         self.points, self._pending, before = tuple(points), None, self.points
         if self.points != before:
             device = device_of(points, self.skeleton, self._base.hands)
@@ -184,7 +194,8 @@ class Session:
             observation = self._update_placement(frame, moment, observation)
         if self._standing is not None:
             # Calibration assigns all trackers anew, so it needs them under their unassigned names.
-            unassigned = point_mapping(self.points, self.skeleton)
+            kept = {name: joint for name, joint in self._worn.items() if not joint or name not in UNASSIGNED}
+            unassigned = point_mapping(self.points, self.skeleton, kept)
             time = float(observation.time[0])
             self._standing.append(to_observation(unassigned, frame, self._visible, self._placement, time))
         elif self._base.mounts and not set(UNASSIGNED).isdisjoint(observation.points):
@@ -194,15 +205,34 @@ class Session:
         return CompletionJob(self._pipeline, observation, self._state, frame, received, self._placement)
 
     def assign_trackers(self, trackers: Mapping[str, str]) -> None:
-        """Assign joints to trackers, by their names in the signal."""
-        if trackers.items() - self._tracker_joints.items():
-            self._tracker_joints |= trackers
-            self._mapping = point_mapping(self.points, self.skeleton, self._tracker_joints)
+        """Assign joints to trackers, by their names in the signal. Other trackers lose these joints."""
+        before = self._worn
+        if not trackers.items() - before.items():
+            return
+        kept = {name: joint for name, joint in before.items() if not joint or joint not in trackers.values()}
+        worn = tuple(Worn(name, joint) for name, joint in {**kept, **trackers}.items())
+        self.settings = replace(self.settings, worn=worn)
+        self._mapping = point_mapping(self.points, self.skeleton, self._worn)
+        self.revision += 1
 
     @property
     def tracker_joints(self) -> Mapping[str, str]:
-        """Joints of assigned trackers, by their names in the signal."""
-        return self._tracker_joints
+        """Joints of unassigned trackers, by their names in the signal."""
+        return {name: joint for name, joint in self._worn.items() if joint and name in UNASSIGNED}
+
+    @property
+    def _worn(self) -> dict[str, str]:
+        """Joints of the settings by the names of trackers; '' for trackers that are ignored."""
+        return {one.tracker: one.joint for one in self.settings.worn}
+
+    def _move_trackers(self, before: Mapping[str, str]) -> None:
+        """Use the joints of the settings in place of `before`. Mounts are forgotten where another tracker is worn."""
+        moved = before.items() ^ self._worn.items()
+        joints = {joint for _, joint in moved} | {TRACKERS.get(name, "") for name, _ in moved}
+        mounts = {joint: mount for joint, mount in self._base.mounts.items() if joint not in joints}
+        self._base = self.calibrated = _with_mounts(self._base, mounts)
+        self._mapping = point_mapping(self.points, self.skeleton, self._worn)
+        self._set_wearer(_with_mounts(self._pipeline.tracker.people[0], mounts))
 
     def _match_trackers(self, frame: SignalFrame, observation: Observation) -> Observation:
         """Assign trackers to joints by their positions. Return the frame with the joints that were found."""
@@ -278,9 +308,15 @@ class Session:
             self._messages.append(Notice(f"stand upright{arms} and look ahead for one second"))
             return
         before, self.settings = self.settings, changed(self.settings, message.settings)
-        if self.settings.height != before.height or self._tracking != self._pipeline.tracker.settings:
-            has_new_height = self.settings.height != before.height
-            self._set_wearer(self._wearer() if has_new_height else self._pipeline.tracker.people[0])
+        has_new_size = (self.settings.height, self.settings.lengths) != (before.height, before.lengths)
+        if has_new_size or self._tracking != self._pipeline.tracker.settings:
+            try:
+                self._set_wearer(self._wearer() if has_new_size else self._pipeline.tracker.people[0])
+            except BodysenseError as error:  # lengths that no person has together
+                self.settings = replace(self.settings, height=before.height, lengths=before.lengths)
+                self._messages.append(Notice(str(error)))
+        if self.settings.worn != before.worn:
+            self._move_trackers({one.tracker: one.joint for one in before.worn})
         self._update_visible()
         self._display.apply(self.settings)
         # How far a seated person is raised depends on height and floor.
@@ -309,13 +345,13 @@ class Session:
         self._set_wearer(self._wearer())
         self.revision += 1
 
-    def resumable_state(self) -> tuple[Person, Placement, dict[str, str]]:
-        """Return wearer (with the inferred height), placement and tracker joints, to resume in another process."""
+    def resumable_state(self) -> tuple[Person, Placement]:
+        """Return wearer (with the inferred height) and placement, to resume with the settings in another process."""
         base = self._base
         if base.height is None and base.bone_deviation.any() and self.settings.height is None:
             height = Measured(self.height, _INFERRED)
             base = Person(height=height, lengths=base.lengths, mounts=base.mounts, hands=base.hands)
-        return base, self._placement, self._tracker_joints
+        return base, self._placement
 
     def placement_message(self) -> PlacementChanged:
         """Return the current placement as a message."""
@@ -337,7 +373,7 @@ class Session:
             return
         self.skeleton = self.skeleton.with_offsets(offset)
         if not self._mapping.is_plain:
-            self._mapping = point_mapping(self.points, self.skeleton, self._tracker_joints)
+            self._mapping = point_mapping(self.points, self.skeleton, self._worn)
         self._messages.append(ProportionsChanged(rounded(self.skeleton), round(self.height, 4)))
 
     def _update_placement(self, frame: SignalFrame, moment: float, observation: Observation) -> Observation:
@@ -387,13 +423,21 @@ class Session:
         self._base = self.calibrated = wearer or self._base.with_mounts(found.inertial.mounts)
         if wearer is None:
             return
-        if found.tracker_joints:
-            new = found.tracker_joints
-            others = {name: joint for name, joint in self._tracker_joints.items() if joint not in new.values()}
-            self._tracker_joints = {**others, **new}
-            self._mapping = point_mapping(self.points, self.skeleton, self._tracker_joints)
+        self.assign_trackers(found.tracker_joints)
         self._set_wearer(wearer)
         self.revision += 1
+
+
+def _with_mounts(person: Person, mounts: Mapping[str, RigidTransform]) -> Person:
+    """Return the person with these mounts in place of all others."""
+    return Person(
+        person.skeleton,
+        height=person.height,
+        bone_deviation=person.bone_deviation,
+        mounts=mounts,
+        lengths=person.lengths,
+        hands=person.hands,
+    )
 
 
 def rounded(skeleton: Skeleton) -> tuple[tuple[float, float, float], ...]:
