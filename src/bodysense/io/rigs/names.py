@@ -29,6 +29,7 @@ _HELPERS, _ENDS, _ANIMALS, _LEFT, _RIGHT, _SILENT = (
     frozenset(_TABLE[kind]) for kind in ("helpers", "ends", "animals", "left", "right", "silent")
 )
 _KNOWN = frozenset((*PARTS, *_PHALANGES, *_ORDINALS)) | _HELPERS | _ENDS | _ANIMALS | _LEFT | _RIGHT
+_WORDS = _KNOWN | _SILENT  # into which a word without a change of case is divided
 _LONGEST = max(map(len, _KNOWN))
 _VERTEBRAE = frozenset(("l5", "l3", "t12", "t8"))  # whole names in Xsens files
 
@@ -86,12 +87,12 @@ def words(name: str) -> tuple[str, ...]:
 
 
 def _split_word(word: str) -> list[str]:
-    """Split a word into known words, or return [] if impossible: 'lhip' is l, hip; 'handthumb' hand, thumb."""
+    """Split a word into known words, or return [] if impossible: 'lhip' is l, hip; 'mhip' m, hip."""
     if not word or len(word) > 2 * _LONGEST:
         return []
     for cut in range(len(word), 0, -1):
         head, tail = word[:cut], word[cut:]
-        if head in _KNOWN and (cut > 1 or len(tail) > 1 or not word.isascii()):
+        if head in _WORDS and (cut > 1 or len(tail) > 1 or not word.isascii()):
             if not tail:
                 return [head]
             if rest := _split_word(tail):
