@@ -13,6 +13,7 @@
 #define TINY_HIDDEN 32
 #define TINY_HAND 16
 #define TINY_BRANCH 48
+#define TINY_RANK 16
 #define HEADER_ROOM 16384
 #define DATA_ROOM 1048576
 
@@ -101,6 +102,13 @@ static inline void random_recurrent(model_writer *w, const char *network, int la
     }
 }
 
+/* The updates of a product, of rank `TINY_RANK`. */
+static inline void random_update(model_writer *w, const char *product, int inputs, int outputs) {
+    char name[64];
+    snprintf(name, sizeof name, "body.updates.%s.0.weight", product), random_bytes(w, name, TINY_RANK, inputs);
+    snprintf(name, sizeof name, "body.updates.%s.1.weight", product), random_bytes(w, name, outputs, TINY_RANK);
+}
+
 static inline void random_branch(model_writer *w, const char *branch, int inputs, int outputs) {
     char name[64];
     snprintf(name, sizeof name, "%s.0.weight", branch), random_bytes(w, name, TINY_BRANCH, inputs);
@@ -139,6 +147,11 @@ static inline char *random_model(uint64_t seed, size_t *bytes) {
     random_floats(&w, "errors.inward.bias", ERROR_HIDDEN, 1, 0.02);
     random_floats(&w, "errors.weight", 2 * BODY_POINTS, ERROR_KNOWN + ERROR_HIDDEN, 0.02);
     random_floats(&w, "errors.bias", 2 * BODY_POINTS, 1, 0.02);
+    random_update(&w, "input_l0", FEATURES_ACCELERATION, 3 * TINY_HIDDEN);
+    random_update(&w, "state_l0", TINY_HIDDEN, 3 * TINY_HIDDEN);
+    random_update(&w, "input_l1", TINY_HIDDEN, 3 * TINY_HIDDEN);
+    random_update(&w, "state_l1", TINY_HIDDEN, 3 * TINY_HIDDEN);
+    random_update(&w, "turn_branch", TINY_HIDDEN + FEATURES_ACCELERATION, TINY_BRANCH);
     w.header[w.header_size++] = '}';
     while (w.header_size % 8) w.header[w.header_size++] = ' ';
 

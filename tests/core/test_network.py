@@ -1,6 +1,6 @@
 """The core's networks: people together, memories of fast devices, and which files are opened."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -128,7 +128,7 @@ def parts_of_the_file() -> tuple[dict[str, np.ndarray], dict[str, str]]:
     return read_safetensors(WEIGHTS)
 
 
-def changed_file(tensors: dict[str, np.ndarray | None], **metadata: str) -> bytes:
+def changed_file(tensors: Mapping[str, np.ndarray | None], **metadata: str) -> bytes:
     whole, card = parts_of_the_file()
     kept = {name: values for name, values in {**whole, **tensors}.items() if values is not None}
     return safetensors_bytes(kept, {**card, **metadata})
@@ -174,6 +174,62 @@ def wider(columns: int) -> dict[str, np.ndarray | None]:
 )
 def test_files_are_opened_or_refused(library: Path, file: Callable[[], bytes], result: int) -> None:
     assert open_library(library, file())[0] == result
+
+
+RANK = 16
+UPDATED = {"input_l0": (1536, 537), "state_l0": (1536, 512), "input_l1": (1536, 512), "state_l1": (1536, 512)} | {
+    "turn_branch": (512, 1049)
+}
+
+
+def updates(rank: int = RANK, **changed: int) -> dict[str, np.ndarray]:
+    """Random updates of a rank; `changed`: ranks of some products."""
+    rng, out = np.random.default_rng(8), dict[str, np.ndarray]()
+    for name, (rows, columns) in UPDATED.items():
+        own = changed.get(name, rank)
+        for part, shape in enumerate(((own, columns), (rows, own))):
+            out[f"body.updates.{name}.{part}.weight"] = rng.integers(-127, 128, shape).astype(np.int8)
+            out[f"body.updates.{name}.{part}.weight.step"] = np.full(shape[0], 3e-4, np.float32)
+    return out
+
+
+def test_updates_act_on_people_whose_heads_are_not_tracked(library: Path) -> None:
+    """People with a tracked head are completed as without updates. Each product changes the others of a batch."""
+    none = dict.fromkeys(updates())
+    (_, plain), (_, updated) = (open_library(library, changed_file(parts)) for parts in (none, updates()))
+    assert plain is not None and updated is not None
+    rng = np.random.default_rng(9)
+    frames = [scene(rng, 6) for _ in range(3)]
+    for seen in frames:
+        seen["has_position"][:, HEAD], seen["has_rotation"][:, HEAD] = [1, 1, 0, 1, 0, 1], [1, 1, 1, 0, 0, 1]
+        seen["implied"][:, HEAD] = False
+    both = [completed(one, frames) for one in (updated, plain)]
+    for own, other in zip(*both, strict=True):
+        differs = (own != other).any(axis=1)
+        assert differs.tolist() == [False, False, True, True, True, False]
+    for name in UPDATED:
+        zeros = {key: np.zeros_like(value) for key, value in updates().items() if name in key}
+        _, one = open_library(library, changed_file(updates() | zeros))
+        assert one is not None
+        last = completed(one, frames)[-1]
+        assert (last != both[0][-1]).any(axis=1).tolist() == [False, False, True, True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("tables", "result"),
+    [
+        (updates(), OK),
+        (updates(32), OK),
+        (updates(20), INCOMPLETE),  # not whole groups of rows
+        (updates(16, state_l1=32), INCOMPLETE),  # of two ranks
+        (updates() | {"body.updates.turn_branch.1.weight": None}, INCOMPLETE),
+        (updates() | {"body.updates.input_l0.0.weight": np.zeros((16, 536), np.int8)}, INCOMPLETE),
+    ],
+)
+def test_updates_are_of_one_rank_in_whole_groups(
+    library: Path, tables: Mapping[str, np.ndarray | None], result: int
+) -> None:
+    assert open_library(library, changed_file(tables))[0] == result
 
 
 def test_accelerations_without_weights_change_nothing(library: Path) -> None:

@@ -20,7 +20,7 @@ from .twin.body import Body, empty_body, place
 from .twin.cases import DEVICES, Case, cases, observation_of, person_of
 from .twin.fingers import hand_features, place_hand
 from .twin.layers import FEATURE, branch_of, recurrent_of, rounded, tables
-from .twin.network import Memory, first_memory
+from .twin.network import Memory, first_memory, outputs_of
 from .twin.points import BODY_POINTS, HAND_JOINTS, HAND_POINTS, HEAD, WRISTS
 from .twin.step import WEIGHTS
 from .twin.tracked import Tracked, choose_base, find_knuckles, gather, imply_rotations
@@ -120,11 +120,7 @@ def test_features_and_the_network_are_the_twins(
         both = np.stack([features.features(reading), features.features(features.mirrored(reading))], axis=1)
         bounded = torch.stack([read[t], image[t]], dim=1).clamp(-features.REACH, features.REACH)
         np.testing.assert_allclose(both, bounded.numpy(), rtol=0, atol=2e-4)
-        above = x = rounded(both, FEATURE)
-        for layer, state in enumerate(layers):
-            layers[layer] = recurrent_of(of, "body", layer).step(above, state, FEATURE)
-            above = rounded(layers[layer], FEATURE)
-        outputs = [branch_of(of, f"body.{name}_branch").outputs(above, x) for name in ("turn", "judge")]
+        layers, *outputs = outputs_of(of, reading, rounded(both, FEATURE), layers, FEATURE)
         np.testing.assert_allclose(np.concatenate(outputs), predicted[t].numpy(), rtol=0, atol=ROUNDED)
 
 

@@ -57,11 +57,14 @@ static inline void multiply_columns(const bs_model *model, const matrix *m, int 
     multiply(m, columns, x.value, x.step, y, stride);
 }
 
-/* Room for the passing results of layers. */
+/* Room for the passing results of layers, and the columns that have updates. */
 typedef struct workspace {
     float *given, *kept; /* columns × (3 × hidden), in whole groups: products with inputs, and with states */
     float *units;        /* columns × the widest branch, in whole groups */
     inputs state;        /* columns × hidden */
+    float *narrow;       /* columns × rank: the first product of an update */
+    inputs narrow_in;
+    const float *updated; /* columns: 1 where updates are added, else 0. NULL: nowhere */
 } workspace;
 
 static inline workspace workspace_of(const bs_model *model, scratch *s, int columns, int hidden, int widest) {
@@ -70,6 +73,9 @@ static inline workspace workspace_of(const bs_model *model, scratch *s, int colu
     w.kept = floats_of(s, columns, grouped(3 * hidden));
     w.units = floats_of(s, columns, grouped(widest));
     w.state = inputs_of(model, s, columns, hidden, STATE_STEPS);
+    w.narrow = floats_of(s, columns, model->rank);
+    w.narrow_in = inputs_of(model, s, columns, model->rank, FEATURE_STEPS);
+    w.updated = NULL;
     return w;
 }
 

@@ -114,6 +114,7 @@ typedef struct reader {
     size_t used;
     bs_result wrong;
     kernel kernel;
+    int rank; /* of all updates; 0 before the first one */
 } reader;
 
 typedef struct tensor {
@@ -193,7 +194,7 @@ static float number(tensor t, size_t place) {
 
 /* Room for a name with something behind it. */
 typedef struct name {
-    char text[64];
+    char text[80];
 } name;
 
 static name joined(const char *a, const char *b) {
@@ -268,6 +269,25 @@ static table load_table(reader *r, const char *name, int rows, int inputs) {
     return out;
 }
 
+static bool has(const reader *r, const char *name) {
+    text entry;
+    return member(r->header, name, &entry) && entry.at;
+}
+
+/* The update of a product with `rows` rows, from columns `first` … of its `columns`; none if the file has none. */
+static update load_update(reader *r, const char *network, const char *product, int rows, int columns, int first,
+                          int inputs, int steps) {
+    const name base = joined(joined(network, ".updates.").text, product), inward = joined(base.text, ".0.weight");
+    update out = {.inward = {.rows = 0}};
+    if (!has(r, inward.text)) return out;
+    const int rank = find(r, inward.text).rows;
+    if (!r->rank) r->rank = rank;
+    if (!r->wrong && (rank % GROUP || rank != r->rank)) r->wrong = BS_MODEL_INCOMPLETE;
+    out.inward = load_matrix(r, inward.text, rank, columns, first, inputs, steps);
+    out.outward = load_matrix(r, joined(base.text, ".1.weight").text, rows, rank, 0, rank, FEATURE_STEPS);
+    return out;
+}
+
 /* `steps`: of its inputs. */
 static recurrent load_recurrent(reader *r, const char *network, int layer, int inputs, int hidden, int steps) {
     const char place[] = {(char)('0' + layer), 0};
@@ -276,20 +296,26 @@ static recurrent load_recurrent(reader *r, const char *network, int layer, int i
                                inputs, 0, inputs, steps);
     out.of_state = load_matrix(r, joined(joined(network, ".recurrent.weight_hh_l").text, place).text, 3 * hidden,
                                hidden, 0, hidden, STATE_STEPS);
+    out.input_update = load_update(r, network, joined("input_l", place).text, 3 * hidden, inputs, 0, inputs, steps);
+    out.state_update = load_update(r, network, joined("state_l", place).text, 3 * hidden, hidden, 0, hidden,
+                                   STATE_STEPS);
     out.input_bias = load_floats(r, joined(joined(network, ".recurrent.bias_ih_l").text, place).text, 3 * hidden, 1);
     out.state_bias = load_floats(r, joined(joined(network, ".recurrent.bias_hh_l").text, place).text, 3 * hidden, 1);
     return out;
 }
 
-static branch load_branch(reader *r, const char *name, int hidden, int features, int outputs) {
-    const struct name weight = joined(name, ".0.weight");
+static branch load_branch(reader *r, const char *network, const char *kind, int hidden, int features, int outputs) {
+    const name base = joined(joined(network, ".").text, kind), weight = joined(base.text, ".0.weight");
+    const int both = hidden + features;
     const int width = find(r, weight.text).rows;
     branch out;
-    out.of_hidden = load_matrix(r, weight.text, width, hidden + features, 0, hidden, STATE_STEPS);
-    out.of_features = load_matrix(r, weight.text, width, hidden + features, hidden, features, FEATURE_STEPS);
-    out.bias = load_floats(r, joined(name, ".0.bias").text, width, 1);
-    out.out = load_table(r, joined(name, ".2.weight").text, outputs, width);
-    out.out_bias = load_floats(r, joined(name, ".2.bias").text, outputs, 1);
+    out.of_hidden = load_matrix(r, weight.text, width, both, 0, hidden, STATE_STEPS);
+    out.of_features = load_matrix(r, weight.text, width, both, hidden, features, FEATURE_STEPS);
+    out.hidden_update = load_update(r, network, kind, width, both, 0, hidden, STATE_STEPS);
+    out.features_update = load_update(r, network, kind, width, both, hidden, features, FEATURE_STEPS);
+    out.bias = load_floats(r, joined(base.text, ".0.bias").text, width, 1);
+    out.out = load_table(r, joined(base.text, ".2.weight").text, outputs, width);
+    out.out_bias = load_floats(r, joined(base.text, ".2.bias").text, outputs, 1);
     return out;
 }
 
@@ -341,18 +367,18 @@ static bs_model loaded(reader *r) {
     if (m.features > FEATURES && m.features != FEATURES_ACCELERATION) r->wrong = BS_MODEL_NEWER;
     for (m.layers = 0; m.layers < MOST_LAYERS && !r->wrong; m.layers++) {
         const char name[] = {"body.recurrent.weight_ih_l0"};
-        text entry;
         struct name numbered = joined(name, "");
         numbered.text[sizeof name - 2] = (char)('0' + m.layers);
-        if (member(r->header, numbered.text, &entry) && !entry.at) break;
+        if (!has(r, numbered.text)) break;
         m.layer[m.layers] = load_recurrent(r, "body", m.layers, m.layers ? m.hidden : m.features, m.hidden,
                                            m.layers ? STATE_STEPS : FEATURE_STEPS);
     }
     if (!r->wrong && m.features != FEATURES && m.features != FEATURES_ACCELERATION) r->wrong = BS_MODEL_INCOMPLETE;
-    m.turn = load_branch(r, "body.turn_branch", m.hidden, m.features, TURNED);
-    m.judge = load_branch(r, "body.judge_branch", m.hidden, m.features, JUDGED);
+    m.turn = load_branch(r, "body", "turn_branch", m.hidden, m.features, TURNED);
+    m.judge = load_branch(r, "body", "judge_branch", m.hidden, m.features, JUDGED);
+    m.rank = r->rank;
     m.hands = load_recurrent(r, "fingers", 0, HAND_FEATURES, m.hand_hidden, FEATURE_STEPS);
-    m.fingers = load_branch(r, "fingers.branch", m.hand_hidden, HAND_FEATURES, HAND_OUTPUTS);
+    m.fingers = load_branch(r, "fingers", "branch", m.hand_hidden, HAND_FEATURES, HAND_OUTPUTS);
     m.usual_bones = load_floats(r, "body.usual_bones", BODY_POINTS, 3);
     m.standing = load_floats(r, "body.standing", BODY_JOINTS, 6);
     m.usual_fingers = load_floats(r, "fingers.usual_bones", HAND_POINTS, 3);

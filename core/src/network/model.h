@@ -14,15 +14,23 @@
 #define TURNED (6 * BODY_JOINTS + 3)                    /* outputs of the branch that turns joints and places the head */
 #define JUDGED (BS_CONTACTS + BODY_POINTS)              /* of the branch that judges contact and error */
 
+/* A product of two matrices of low rank, which is added to another product while the head's pose is not tracked (Hu et
+ * al. 2022, "LoRA"). inward.rows is 0 where a model has none. */
+typedef struct update {
+    matrix inward, outward;
+} update;
+
 /* A recurrent layer (GRU). Rows are those of the reset gate, of the update gate and of the candidate. */
 typedef struct recurrent {
     matrix of_input, of_state;
+    update input_update, state_update;
     const float *input_bias, *state_bias; /* (3 × hidden) */
 } recurrent;
 
 /* A layer of rectified units over what a network remembers and what it reads, and the start of the one behind it. */
 typedef struct branch {
     matrix of_hidden, of_features;
+    update hidden_update, features_update;
     const float *bias;
     table out;
     const float *out_bias;
@@ -34,6 +42,7 @@ struct bs_model {
     bool reads_unplaced_head;      /* trained with heads that are turned but have no place */
     int features, hand_features;   /* numbers that the networks read of a body, of a hand */
     int layers, hidden, hand_hidden;
+    int rank;                      /* of the updates */
     recurrent layer[MOST_LAYERS], hands;
     branch turn, judge, fingers;
     const float *usual_bones;      /* (25, 3) rest offsets of the default body, by its stature */

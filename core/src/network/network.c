@@ -25,6 +25,7 @@ typedef struct body_scratch {
     inputs features_in, state_in;
     float *turned, *judged; /* columns × outputs */
     reading *read;
+    float *updated; /* columns: 1 where the head's pose is not tracked, else 0 */
     workspace work;
 } body_scratch;
 
@@ -39,6 +40,7 @@ static body_scratch scratch_of(const bs_model *m, scratch *s, int people) {
     b.turned = floats_of(s, columns, grouped(TURNED));
     b.judged = floats_of(s, columns, grouped(JUDGED));
     b.read = part_of(s, (size_t)people * sizeof *b.read);
+    b.updated = floats_of(s, columns, 1);
     b.work = workspace_of(m, s, columns, m->hidden, turn > judge ? turn : judge);
     return b;
 }
@@ -105,14 +107,19 @@ static void predict_together(const bs_model *m, int people, const tracked *seen,
     const int columns = 2 * people;
     const size_t hidden = (size_t)m->hidden, size = (size_t)m->layers * hidden;
     body_scratch b = scratch_of(m, &s, people);
+    bool any_updated = false;
     for (int p = 0; p < people; p++) {
         const input_memory *last = (const input_memory *)(const void *)memory[p];
         frame[p] = find_frame(&seen[p], last);
         b.read[p] = read_person(&seen[p], last);
+        const bool tracked_head = b.read[p].has_place[HEAD] && b.read[p].has_axes[HEAD];
+        b.updated[2 * p] = b.updated[2 * p + 1] = tracked_head ? 0.0F : 1.0F;
+        any_updated = any_updated || !tracked_head;
         for (int image = 0; image < 2; image++)
             write_features(m, &seen[p], &b.read[p], frame[p], last, image == 1,
                            b.features + (size_t)(2 * p + image) * (size_t)m->features);
     }
+    if (any_updated) b.work.updated = b.updated;
     quantise_columns(m, columns, b.features, m->features, b.features_in);
     for (int layer = 0; layer < m->layers; layer++) {
         float *after = b.state + (size_t)layer * (size_t)columns * hidden;

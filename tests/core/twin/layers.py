@@ -4,7 +4,7 @@ Products are of whole numbers in the core: a feature counts in 1/32767 of the la
 1/127. The twin rounds inputs alike and multiplies plainly.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -48,6 +48,22 @@ def softplus(x: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class Update:
+    """A product of two narrow matrices that is added to another product (Hu et al. 2022, "LoRA")."""
+
+    inward: np.ndarray  # (R, N)
+    outward: np.ndarray  # (M, R)
+
+    def of(self, x: np.ndarray) -> np.ndarray:
+        """(M, C) for rounded inputs (N, C)."""
+        return self.outward @ rounded(self.inward @ x, FEATURE)
+
+    def columns(self, *wanted: slice) -> "list[Update]":
+        """Updates of the same outputs by some of the inputs."""
+        return [Update(self.inward[:, part], self.outward) for part in wanted]
+
+
+@dataclass(frozen=True)
 class Recurrent:
     """A gated recurrent unit (Cho et al. 2014), in PyTorch's form.
 
@@ -64,10 +80,15 @@ class Recurrent:
         """H"""
         return self.of_state.shape[1]
 
-    def step(self, x: np.ndarray, before: np.ndarray, steps: int = STATE) -> np.ndarray:
-        """States (H, C) after inputs (N, C) that are rounded; states are rounded to `steps`."""
-        given = np.split(self.of_input @ x + self.input_bias, 3)
-        kept = np.split(self.of_state @ rounded(before, steps) + self.state_bias, 3)
+    def step(self, x: np.ndarray, before: np.ndarray, steps: int = STATE, updates: Sequence[Update] = ()) -> np.ndarray:
+        """States (H, C) after inputs (N, C) that are rounded; states are rounded to `steps`.
+
+        `updates`, of the products with inputs and with states, are added if there are any.
+        """
+        state = rounded(before, steps)
+        added = [update.of(of) for update, of in zip(updates, (x, state), strict=False)] or [0.0, 0.0]
+        given = np.split(self.of_input @ x + self.input_bias + added[0], 3)
+        kept = np.split(self.of_state @ state + self.state_bias + added[1], 3)
         reset, update = logistic(given[0] + kept[0]), logistic(given[1] + kept[1])
         candidate = np.tanh(given[2] + reset * kept[2])
         return candidate + update * (before - candidate)
@@ -82,9 +103,10 @@ class Branch:
     outward: np.ndarray  # (O, M)
     outward_bias: np.ndarray  # (O, 1)
 
-    def outputs(self, hidden: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Outputs (O, C) for columns that are rounded."""
-        units = np.maximum(self.inward @ np.concatenate([hidden, x]) + self.inward_bias, 0)
+    def outputs(self, hidden: np.ndarray, x: np.ndarray, updates: Sequence[Update] = ()) -> np.ndarray:
+        """Outputs (O, C) for columns that are rounded, with `updates` by memory and by inputs if there are any."""
+        added = sum(update.of(of) for update, of in zip(updates, (hidden, x), strict=False))
+        units = np.maximum(self.inward @ np.concatenate([hidden, x]) + self.inward_bias + added, 0)
         return self.outward @ units + self.outward_bias
 
 
@@ -99,3 +121,9 @@ def branch_of(of: Mapping[str, np.ndarray], name: str) -> Branch:
     """A branch of a file."""
     inward, outward = (of[f"{name}.{k}.weight"] for k in (0, 2))
     return Branch(inward, of[f"{name}.0.bias"].reshape(-1, 1), outward, of[f"{name}.2.bias"].reshape(-1, 1))
+
+
+def updates_of(of: Mapping[str, np.ndarray], product: str) -> list[Update]:
+    """The update of a product of the body's network in a list; empty if the file has none."""
+    inward, outward = (f"body.updates.{product}.{k}.weight" for k in (0, 1))
+    return [Update(of[inward], of[outward])] if inward in of else []

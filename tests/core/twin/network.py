@@ -1,14 +1,14 @@
 """The body's network, evaluated on the tracked points and on their mirror image; the outputs are averaged."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
 
-from .features import HEAD_HEIGHT, MIRROR, Before, Head, features, find_head, mirrored, read, remember, stature
-from .layers import FEATURE, STATE, branch_of, logistic, recurrent_of, rounded, softplus
-from .points import BODY, BODY_PARTNER, PARTNER
+from .features import HEAD_HEIGHT, MIRROR, Before, Head, Reading, features, find_head, mirrored, read, remember, stature
+from .layers import FEATURE, STATE, Update, branch_of, logistic, recurrent_of, rounded, softplus, updates_of
+from .points import BODY, BODY_PARTNER, HEAD, PARTNER
 from .tracked import Tracked
 from .vectors import frame_of
 
@@ -58,17 +58,42 @@ def predict(of: Mapping[str, np.ndarray], seen: Tracked, memory: Memory) -> tupl
     interval = np.float32(memory.elapsed) + np.float32(seen.interval)
     reading = read(seen, head, memory.before, interval, of["body.usual_bones"])
     x = rounded(np.stack([features(reading), features(mirrored(reading))], axis=1), FEATURE)
-    above, after = x, []
     memory.advances = memory.before is None or bool(interval >= ADVANCE)
-    for layer, before in enumerate(memory.hidden):
-        after.append(recurrent_of(of, "body", layer).step(above, before))
-        above = rounded(memory.core[0][layer] if memory.core and memory.advances else after[-1], STATE)
-    turned = branch_of(of, "body.turn_branch").outputs(above, x)
-    judged = branch_of(of, "body.judge_branch").outputs(above, x)
+    known = memory.core[0] if memory.core and memory.advances else None
+    after, turned, judged = outputs_of(of, reading, x, memory.hidden, known=known)
     memory.turn, memory.elapsed = head.turn, float(interval)
     if memory.advances:
         memory.hidden, memory.before = after, remember(seen)
     return _meaning(of, turned, judged, head, float(stature(seen.rest_offset))), head
+
+
+def outputs_of(
+    of: Mapping[str, np.ndarray],
+    reading: Reading,
+    x: np.ndarray,
+    hidden: Sequence[np.ndarray],
+    steps: int = STATE,
+    known: Sequence[np.ndarray] | None = None,
+) -> tuple[list[np.ndarray], np.ndarray, np.ndarray]:
+    """Return the states of all layers after rounded features (F, C), and the outputs of both branches.
+
+    States are rounded to `steps` before they are read. `known` states are read instead of own ones if they are given.
+    """
+    has_pose = reading.has_place[HEAD] and reading.has_axes[HEAD]
+
+    def updates(*products: str) -> list[Update]:
+        """Updates of products, which act while the head's pose is not tracked."""
+        return [] if has_pose else [update for product in products for update in updates_of(of, product)]
+
+    above, after = x, list[np.ndarray]()
+    for layer, before in enumerate(hidden):
+        added = updates(f"input_l{layer}", f"state_l{layer}")
+        after.append(recurrent_of(of, "body", layer).step(above, before, steps, added))
+        above = rounded(known[layer] if known else after[-1], steps)
+    split = len(above)
+    parts = [part for one in updates("turn_branch") for part in one.columns(slice(split), slice(split, None))]
+    turned = branch_of(of, "body.turn_branch").outputs(above, x, parts)
+    return after, turned, branch_of(of, "body.judge_branch").outputs(above, x)
 
 
 def _meaning(

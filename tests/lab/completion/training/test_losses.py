@@ -73,7 +73,6 @@ def random_case(seed: int) -> tuple[Prediction, SequenceBatch]:
         contact=some(FRAMES, 4).float(),
         valid=torch.from_numpy(valid),
         begins=torch.ones(BATCH, dtype=torch.bool),
-        usual=torch.tensor([True, False]),
     )
     axes = turned(FRAMES, JOINTS)[..., :2]  # orthonormal columns, which define the rotation without Gram-Schmidt
     return Prediction(axes, number(FRAMES, 3), number(FRAMES, 4), 0.01 + number(FRAMES, POINTS).abs()), batch

@@ -20,7 +20,7 @@ from bodysense.geometry.rotation import geodesic_angle, quaternion_rotate
 from bodysense.io.datasets.splits import split_of
 from bodysense.io.formats.bvh import write_bvh
 from bodysense.observing.observation import INERTIAL_POINTS
-from bodysense_lab.completion.data.batches import assembled, collate
+from bodysense_lab.completion.data.batches import collate
 from bodysense_lab.completion.data.corpus import Corpus
 from bodysense_lab.completion.data.corpus_cache import read_corpus
 from bodysense_lab.completion.data.generated_fingers import kept_fingers
@@ -29,7 +29,7 @@ from bodysense_lab.completion.data.sensor_draws import (
     KINDS,
     SensorMasks,
     draw_sensors,
-    draw_usual_sensors,
+    draw_without_head,
     loss_durations,
     lost_hand,
     rotation_only,
@@ -39,7 +39,6 @@ from bodysense_lab.completion.data.training_bodies import TrainingBody
 from bodysense_lab.completion.networks.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.networks.weights_file import read_weights
 from bodysense_lab.completion.train import MotionData, completion_finger_network, train_completion
-from bodysense_lab.completion.training.losses import Losses
 from bodysense_lab.completion.training.options import CompletionTraining
 from bodysense_lab.completion.training.task import CompletionTask, CompletionTaskConfig
 from bodysense_lab.core.fit import launch_fabric, rate_at
@@ -95,7 +94,6 @@ def test_shares_of_sensors_sum_to_one_and_most_sequences_are_tracked() -> None:
     assert np.mean([one.has_position.any() or one.has_rotation.any() for one in drawn]) > 0.95
     place, turn = ([mask(one)[:, HEAD].mean() for one in drawn] for mask in (_positions, _rotations))
     assert 0.7 < np.mean(place) < 0.95 and 0.7 < np.mean(turn) < 0.97
-    assert 0.5 < np.mean([one.usual for one in drawn]) < 0.8
 
 
 def test_heads_of_training_lose_their_position_their_rotation_or_both() -> None:
@@ -106,8 +104,6 @@ def test_heads_of_training_lose_their_position_their_rotation_or_both() -> None:
         one = draw_sensors(visible, 1 / 30, rng)
         states = {*zip(one.has_position[:, HEAD].tolist(), one.has_rotation[:, HEAD].tolist(), strict=True)}
         (whole if len(states) == 1 else parts).update(states)
-        if one.usual and one.has_rotation[:, HEAD].all() and not one.has_position[:, HEAD].any():
-            raise AssertionError("sensors with a turned head of unknown position are not usual")
     assert whole == parts == {(True, True), (True, False), (False, True), (False, False)}
 
 
@@ -266,7 +262,7 @@ def test_inertial_sensors_measure_the_acceleration_of_bones(corpus: Corpus) -> N
 
 
 @pytest.mark.slow
-def test_keep_averages_trained_and_initial_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_keep_averages_weights_and_updates_leave_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """`keep` 0.25 averages a quarter of the initial with three quarters of the trained weights."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     clip = packaged_performance()
@@ -288,47 +284,23 @@ def test_keep_averages_trained_and_initial_weights(tmp_path: Path, monkeypatch: 
     for name in trained:
         torch.testing.assert_close(mixed[name], 0.25 * earlier[name] + 0.75 * trained[name])
 
-
-def test_staying_close_without_begin_with_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BodysenseError, match=r"--stay-close 1: close to which network\? Give --begin-with, too"):
-        CompletionTraining(data=tmp_path, out=tmp_path / "a.safetensors", stay_close=1.0)
-
-
-def test_protecting_without_begin_with_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BodysenseError, match=r"--protect 16: the answers of which network\? Give --begin-with, too"):
-        CompletionTraining(data=tmp_path, out=tmp_path / "a.safetensors", protect=16.0)
+    # With updates, all other weights stay as they are.
+    updated = train_completion(replace(run, run=tmp_path / "updates", update_rank=16), fabric, data).state_dict()
+    changed = {name for name, values in updated.items() if not torch.equal(values, earlier.get(name, values * 0))}
+    assert changed and all(name.startswith("updates.") for name in changed)
 
 
-@pytest.mark.parametrize("usual", [True, False])
-def test_sensors_of_one_sort_are_drawn(corpus: Corpus, usual: bool) -> None:
-    """A protected training draws sensors that the earlier network was not trained on."""
-    task = replace(task_of(corpus), sensors=partial(draw_usual_sensors, usual=usual))
-    batch = assembled(next(task.batches(np.random.default_rng(7))))
-    turned_only = batch.signal.has_rotation[..., HEAD] & ~batch.signal.has_position[..., HEAD]
-    assert bool(turned_only.any()) != usual
-    assert usual or not batch.usual.any()
+def test_updates_without_begin_with_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(BodysenseError, match=r"--update-rank 16: updates of which network\? Give --begin-with, too"):
+        CompletionTraining(data=tmp_path, out=tmp_path / "a.safetensors", update_rank=16)
+    with pytest.raises(BodysenseError, match="--update-rank 20: not a multiple of 16"):
+        CompletionTraining(data=tmp_path, out=tmp_path / "a.safetensors", begin_with=PACKAGED, update_rank=20)
 
 
-def test_a_teacher_has_a_memory_of_its_own_and_pulls_usual_sequences(corpus: Corpus) -> None:
-    task = task_of(corpus)
-    teacher = CompletionNetwork(task.configuration.network).eval().requires_grad_(False)
-    config = replace(task.configuration, losses=Losses(stay=1.0))
-    task = replace(task, teacher=teacher, configuration=config)
-    batches = task.batches(np.random.default_rng(5))
-    first, second = assembled(next(batches)), assembled(next(batches))
-    assert first.usual.any() and not first.usual.all()
-    terms, memory = task.loss(first, None)
-    assert memory.shape == (4, 6, 24) and float(terms["stay"].detach()) > 0
-    with torch.no_grad():
-        expected = teacher.predict(teacher.read(first.signal), teacher.begin(6))[1]
-    torch.testing.assert_close(memory[2:, first.usual], expected[:, first.usual])
-    terms, _ = task.loss(second, memory)
-    assert sum(float(value.detach()) for name, value in terms.items() if name != "loss") == pytest.approx(
-        float(terms["loss"].detach()), rel=1e-4
-    )
-    task.network.load_state_dict(teacher.state_dict())
-    task.network.eval()
-    assert float(task.loss(first, None)[0]["stay"].detach()) < 1e-6
+def test_updates_are_trained_on_heads_that_are_not_tracked() -> None:
+    rng, visible = np.random.default_rng(4), np.ones((60, len(INPUT_POINTS)), dtype=bool)
+    drawn = [draw_without_head(visible, 1 / 30, rng) for _ in range(100)]
+    assert not any((one.has_position & np.pad(one.has_rotation, ((0, 0), (0, 5))))[:, HEAD].all() for one in drawn)
 
 
 def test_without_steps_fingers_are_those_of_begin_with(tmp_path: Path) -> None:

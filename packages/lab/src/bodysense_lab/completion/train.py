@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +13,15 @@ from torch import Tensor
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion.data.corpus import Corpus, CorpusReader
-from bodysense_lab.completion.data.sensor_draws import draw_sensors, draw_usual_sensors
+from bodysense_lab.completion.data.sensor_draws import draw_sensors, draw_without_head
 from bodysense_lab.completion.networks.fingers import FingerConfig, FingerNetwork
-from bodysense_lab.completion.networks.network import CompletionNetwork
-from bodysense_lab.completion.networks.protection import Protection, input_moments
+from bodysense_lab.completion.networks.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.score.finger_errors import finger_validation
 from bodysense_lab.completion.training.drawing import Drawing
-from bodysense_lab.completion.training.losses import Losses
 from bodysense_lab.completion.training.options import FINGER_SCHEDULE, CompletionTraining, FingerTraining
 from bodysense_lab.completion.training.task import (
+    SETS,
+    UPDATE_SETS,
     CompletionTask,
     CompletionTaskConfig,
     CorpusSampler,
@@ -34,7 +32,6 @@ from bodysense_lab.completion.training.task import (
 from bodysense_lab.core.checkpoint import best_weights
 from bodysense_lab.core.fit import fit, set_seed_and_threads
 
-_MOMENT_BATCHES, _KNOWN_SEED, _NEW_SEED = 40, 3, 11  # batches and seeds of inputs whose second moments are measured
 _VALIDATION_STRIDE = 3  # every n-th validation clip is scored at a checkpoint
 
 
@@ -58,49 +55,30 @@ def train_completion(options: CompletionTraining, fabric: Fabric, data: MotionDa
         raise BodysenseError(f"{options.data}: no training clip has fingers that move; give --finger-steps 0")
     fabric.print(f"{train.minutes:.0f} minutes of motion to train on, {val.minutes:.0f} to validate")
     config = CompletionTaskConfig(
-        backward=options.backward, streams=options.streams, losses=Losses(stay=options.stay_close)
+        CompletionConfig(update_rank=options.update_rank), backward=options.backward, streams=options.streams
     )
     network = CompletionNetwork(config.network)
-    initial = network.state_dict() if options.begin_with is None else _weights(options.begin_with, network)
-    initial = {name: value.clone() for name, value in initial.items()}
-    network.load_state_dict(initial)
-    teacher = None
-    if options.stay_close:
-        teacher = CompletionNetwork(config.network).eval().requires_grad_(False)
-        teacher.load_state_dict(initial)
-        fabric.to_device(teacher)
-    validation = validation_batches(val, _VALIDATION_STRIDE, options.backward)
-    source = options.trial_settings or None
-    drawing, protection, sensors = None, None, draw_sensors
-    if options.protect:
-        usual = CompletionTask(network, config, options.schedule, train, {}, sensors=draw_usual_sensors)
-        protection = Protection.of(network, _moments(usual, _KNOWN_SEED))
-        sensors = partial(draw_usual_sensors, usual=False)
+    if options.begin_with is not None:
+        network.load_state_dict(network.state_dict() | _weights(options.begin_with, config.network))
+    for name, parameter in network.named_parameters():
+        parameter.requires_grad_(not options.update_rank or name.startswith("updates."))
+    initial = {name: value.clone() for name, value in network.state_dict().items()}
+    sets = UPDATE_SETS if options.update_rank else SETS
+    validation = validation_batches(val, _VALIDATION_STRIDE, options.backward, sets)
+    sensors, drawing = draw_without_head if options.update_rank else draw_sensors, None
     if options.draw_processes:
         sampler = CorpusSampler(data.corpora, options.backward, sensors)
         drawing = Drawing(sampler, options.folder / "ring", options.draw_processes, options.plays)
+    source = options.trial_settings or None
     task = CompletionTask(
-        *(network, config, options.schedule, train, validation, source),
-        sensors=sensors,
-        protection=protection,
-        drawing=drawing,
-        teacher=teacher,
+        *(network, config, options.schedule, train, validation, source), sensors=sensors, drawing=drawing
     )
     fit(task, options.folder / "completion.ckpt", fabric=fabric)
     network = network.cpu()
-    if protection is not None:
-        new = CompletionTask(network, config, options.schedule, train, {}, sensors=sensors)
-        protection.merge(network, _moments(new, _NEW_SEED), options.protect)
     if options.keep:
         trained = network.state_dict()
         network.load_state_dict({name: torch.lerp(trained[name], initial[name], options.keep) for name in trained})
     return network
-
-
-def _moments(task: CompletionTask, seed: int) -> dict[str, Tensor]:
-    """Return second moments of the inputs of the task's network on its sequences."""
-    batches = itertools.islice(task.batches(np.random.default_rng(seed)), _MOMENT_BATCHES)
-    return input_moments(task.network.eval(), batches, lambda batch: torch.ones_like(batch.usual))
 
 
 def completion_finger_network(run: CompletionTraining, fabric: Fabric, data: MotionData) -> FingerNetwork:
@@ -148,18 +126,19 @@ def _begin(
         return corpora("train"), corpora("val")
 
 
-def _weights(path: Path, network: CompletionNetwork) -> dict[str, Tensor]:
+def _weights(path: Path, config: CompletionConfig) -> dict[str, Tensor]:
     """Return initial weights: the best ones of a checkpoint, or those of a published file.
 
-    Raises BodysenseError if the published network has another size.
+    A network without updates can begin one that has them. Raises BodysenseError if the published network has another
+    size.
     """
     from bodysense_lab.completion.networks.weights_file import read_weights
 
     if path.suffix != ".safetensors":
-        return best_weights(path, network)
+        return best_weights(path, CompletionNetwork(config))
     published, _ = read_weights(path)
-    if published.config != network.config:
-        raise BodysenseError(f"{path}: built as {published.config}, wanted {network.config}; give another --begin-with")
+    if published.config not in (config, replace(config, update_rank=0)):
+        raise BodysenseError(f"{path}: built as {published.config}, wanted {config}; give another --begin-with")
     return published.state_dict()
 
 

@@ -94,9 +94,6 @@ class Task:
         """
         raise NotImplementedError
 
-    def after_step(self, optimizer: Optimizer) -> None:
-        """Change the network after each step of the optimiser; nothing by default."""
-
     def validate(self, network: Any) -> dict[str, float]:
         """Return figures on validation people. The first one is the score; smaller is better."""
         raise NotImplementedError
@@ -204,7 +201,6 @@ def take_step(
     for group in optimizer.param_groups:
         nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
     optimizer.step()
-    task.after_step(optimizer)
     return terms, memory
 
 

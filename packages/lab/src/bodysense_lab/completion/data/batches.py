@@ -42,7 +42,6 @@ class SequenceBatch(NamedTuple):
     contact: Tensor  # (B, T, 4)
     valid: Tensor  # (B, T) bool
     begins: Tensor  # (B,) bool
-    usual: Tensor  # (B,) bool: `Sequence.usual`
     hands: HandBatch | None = None
 
 
@@ -65,7 +64,6 @@ def cut_batch(pieces: list[tuple[Sequence, int]], chunk: int, begins: np.ndarray
     earlier = cut_frames([(one, start - 1) for one, start in pieces], chunk, (*_TRACKED[:3], "rotation"))
     sequences = [one for one, _ in pieces]
     now |= {name: _stacked(sequences, name) for name in _OF_SEQUENCE}
-    now["usual"] = torch.tensor([one.usual for one in sequences])
     now["first"] = torch.tensor([start == 0 for _, start in pieces])
     hands = [(one.hands, start) for one, start in pieces if one.hands is not None]
     interval = now["interval"][:, None].expand(-1, chunk)
@@ -102,7 +100,6 @@ def assembled(batch: RawBatch | SequenceBatch) -> SequenceBatch:
         contact=now["contact"].float(),
         valid=now["valid"],
         begins=batch.begins,
-        usual=now["usual"],
         hands=batch.hands,
     )
 

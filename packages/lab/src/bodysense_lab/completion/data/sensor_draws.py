@@ -60,7 +60,6 @@ class SensorMasks:
     has_position: np.ndarray  # (T, 27) bool
     has_rotation: np.ndarray  # (T, 22) bool
     has_acceleration: np.ndarray  # (T, 12) bool, of `ACCELERATION_POINTS`
-    usual: bool = False  # the head has its whole pose, or the sensors are those of a recording or a usual set
 
 
 def fixed_sensors(sensors: SensorSet, visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
@@ -70,7 +69,7 @@ def fixed_sensors(sensors: SensorSet, visible: np.ndarray, interval: float, rng:
     has_position = (visible | position) if sensors.camera else np.tile(position, (len(visible), 1))
     has_rotation = np.tile(rotation, (len(visible), 1))
     has_acceleration = rotation_only(has_position, has_rotation) & sensors.acceleration
-    return SensorMasks(has_position, has_rotation, has_acceleration, usual=True)
+    return SensorMasks(has_position, has_rotation, has_acceleration)
 
 
 def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
@@ -127,39 +126,33 @@ def draw_sensors(visible: np.ndarray, interval: float, rng: np.random.Generator)
             has_position[lost, INPUT_POINTS.index(name)] = False
             if name in BODY:
                 has_rotation[lost, BODY.index(name)] = False
-    usual = kind != "any"
-    if usual and kind != "headless":
-        usual = not _lose_head(has_position, has_rotation, interval, rng)
+    if kind not in ("any", "headless"):
+        _lose_head(has_position, has_rotation, interval, rng)
     has_acceleration = rotation_only(has_position, has_rotation) & acceleration
-    return SensorMasks(has_position, has_rotation, has_acceleration, usual)
+    return SensorMasks(has_position, has_rotation, has_acceleration)
 
 
-def draw_usual_sensors(
-    visible: np.ndarray, interval: float, rng: np.random.Generator, usual: bool = True
-) -> SensorMasks:
-    """Run `draw_sensors` until the sensors are usual, or until they are not."""
+def draw_without_head(visible: np.ndarray, interval: float, rng: np.random.Generator) -> SensorMasks:
+    """Run `draw_sensors` until the head's position or rotation is missing in a frame."""
     while True:
         drawn = draw_sensors(visible, interval, rng)
-        if drawn.usual == usual:
+        if not (drawn.has_position[:, INPUT_POINTS.index(HEAD)] & drawn.has_rotation[:, BODY.index(HEAD)]).all():
             return drawn
 
 
-def _lose_head(has_position: np.ndarray, has_rotation: np.ndarray, interval: float, rng: np.random.Generator) -> bool:
-    """Remove the head's position, its rotation or both, always or at times. Return whether anything was removed."""
+def _lose_head(has_position: np.ndarray, has_rotation: np.ndarray, interval: float, rng: np.random.Generator) -> None:
+    """Remove the head's position, its rotation or both, always or at times."""
     place, turn, drawn = INPUT_POINTS.index(HEAD), BODY.index(HEAD), rng.uniform()
     if drawn < _PART_OF_HEAD:
         if rng.uniform() < _NO_PLACE:
             has_position[:, place] = False
         else:
             has_rotation[:, turn] = False
-        return True
-    if drawn < _PART_OF_HEAD + _HEADSET_LOST:
+    elif drawn < _PART_OF_HEAD + _HEADSET_LOST:
         lost = spans(len(has_position), interval, rng, 4.0, longest=3.0)
         loses_position, loses_rotation = _LOST_PARTS[int(rng.choice(len(_LOST_PARTS), p=_LOST_SHARES))]
         has_position[lost & loses_position, place] = False
         has_rotation[lost & loses_rotation, turn] = False
-        return bool(lost.any())
-    return False
 
 
 def rotation_only(has_position: np.ndarray, has_rotation: np.ndarray) -> np.ndarray:

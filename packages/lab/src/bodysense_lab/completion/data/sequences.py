@@ -48,7 +48,7 @@ from bodysense_lab.completion.data.points import (
     path_from_head,
     stature,
 )
-from bodysense_lab.completion.data.postures.postures import NEW_KINDS, apply_posture, draw_kind
+from bodysense_lab.completion.data.postures.postures import apply_posture, draw_kind
 from bodysense_lab.completion.data.postures.straight_legs import straightened
 from bodysense_lab.completion.data.postures.upright import set_upright
 from bodysense_lab.completion.data.sensor_draws import (
@@ -113,7 +113,6 @@ class Sequence:
     size: float  # known stature divided by the reference stature
     interval: float  # s
     hands: TrainingHands | None = None  # None: not used
-    usual: bool = True  # sensors, posture and stance are such as earlier networks were trained on
 
     def __len__(self) -> int:
         return len(self.contact)
@@ -208,7 +207,7 @@ def draw_scene(rng: np.random.Generator, backward: bool = False, sensors: DrawSe
         noisy=bool(rng.uniform() < 0.6),
         backward=backward,
     )
-    return replace(make_sequence(corpus, 0, drawn, rng), usual=False)
+    return make_sequence(corpus, 0, drawn, rng)
 
 
 def _draw_rate(rng: np.random.Generator) -> float:
@@ -307,7 +306,6 @@ def make_sequence(corpus: Corpus, clip: int, augmentation: SequenceAugmentation,
         certainty=body.certainty[_PLACES].astype(np.float32),
         size=float(stature(known)),
         interval=1 / rate,
-        usual=tracked.usual and not augmentation.stance_shift and augmentation.posture not in NEW_KINDS,
     )
     if augmentation.fingers is None:
         return sequence

@@ -110,6 +110,12 @@ def features_of(signal: TrackedSignal, usual_bones: Tensor) -> Tensor:
     return torch.cat(list(rows), dim=-1)
 
 
+def flag_index(kind: str, point: str) -> int:
+    """Return the place in the features of the number of a kind, such as `has_position`, for a point."""
+    names = list(_INPUTS)
+    return sum(WIDTHS[name] for name in names[: names.index(kind)]) + _INPUTS[kind][1].index(point)
+
+
 def mirror_indices() -> list[int]:
     """Return the index of the mirror image of each feature (F,)."""
     places = list[int]()

@@ -28,10 +28,18 @@ from bodysense_lab.completion.data.points import (
     path_from_head,
     reference_offsets,
 )
-from bodysense_lab.completion.networks.features import WIDTHS, TrackedSignal, features_of, mirror_indices, mirror_signs
+from bodysense_lab.completion.networks.features import (
+    WIDTHS,
+    TrackedSignal,
+    features_of,
+    flag_index,
+    mirror_indices,
+    mirror_signs,
+)
 
 SMALLEST_ERROR = 0.002  # m; no expected error is smaller
 ERROR_BIAS = -3.0  # of the expected error, before softplus
+_HEAD_FLAGS = (flag_index("has_position", "head"), flag_index("has_rotation", "head"))
 
 
 @dataclass(frozen=True)
@@ -43,6 +51,7 @@ class CompletionConfig:
     branch: int = 512  # units of the branch of rotations
     judge_branch: int = 128  # units of the branch of contact and expected error
     dropout: float = 0.15  # of the recurrent layers' outputs, in training
+    update_rank: int = 0  # of the updates of the weights while the head's pose is not tracked; 0: no updates
 
 
 class Prediction(NamedTuple):
@@ -55,7 +64,11 @@ class Prediction(NamedTuple):
 
 
 class CompletionNetwork(nn.Module):
-    """GRU with a skip connection and two branches: rotations, and contact with expected errors."""
+    """GRU with a skip connection and two branches: rotations, and contact with expected errors.
+
+    While the head's position or rotation is not tracked, low-rank updates are added to the weights (Hu et al. 2022,
+    "LoRA"). Suits without a headset can so be learned without any change for people who wear one.
+    """
 
     def __init__(self, config: CompletionConfig) -> None:
         super().__init__()
@@ -73,6 +86,9 @@ class CompletionNetwork(nn.Module):
             nn.ReLU(),
             nn.Linear(config.judge_branch, len(CONTACT) + BODY_POINT_COUNT),
         )
+        self.updates = nn.ModuleDict(
+            {name: _low_rank(*size, config.update_rank) for name, size in self._updated().items() if config.update_rank}
+        )
         standing = forward_kinematics(standing_pose(default_skeleton()))[1][:JOINTS]
         constants = {
             "standing_axes": quaternion_to_matrix(standing)[..., :2],
@@ -84,6 +100,15 @@ class CompletionNetwork(nn.Module):
             self.register_buffer(name, torch.tensor(np.asarray(values), dtype=torch.float32), persistent=False)
         self.register_buffer("bone_parents", torch.tensor(bone_parents()), persistent=False)
         self.register_buffer("image", torch.tensor(mirror_indices()), persistent=False)
+
+    def _updated(self) -> dict[str, tuple[int, int]]:
+        """Return inputs and outputs of the products that have updates."""
+        hidden, both = self.config.hidden, self.config.hidden + self.features
+        sizes = dict[str, tuple[int, int]]()
+        for layer in range(self.config.layers):
+            sizes[f"input_l{layer}"] = (hidden if layer else self.features, 3 * hidden)
+            sizes[f"state_l{layer}"] = (hidden, 3 * hidden)
+        return sizes | {"turn_branch": (both, self.config.branch)}
 
     standing_axes: Tensor
     from_head: Tensor
@@ -107,9 +132,41 @@ class CompletionNetwork(nn.Module):
 
     def predict(self, features: Tensor, memory: Tensor) -> tuple[tuple[Tensor, Tensor], Tensor]:
         """Return raw outputs of both branches for features (B, T, F), and the memory after them."""
-        hidden, memory = self.recurrent(features, memory)
+        hidden, memory = self.remember(features, memory)
         both = torch.cat([self.dropout(hidden.mT).mT, features.to(hidden)], dim=-1)
-        return (self.turn_branch(both), self.judge_branch(both)), memory
+        first, *rest = self.turn_branch
+        turned = first(both)
+        if self.updates:
+            turned = turned + head_is_untracked(features) * self.updates["turn_branch"](both)
+        for layer in rest:
+            turned = layer(turned)
+        return (turned, self.judge_branch(both)), memory
+
+    def remember(self, features: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the last layer's states (B, T, hidden) for features (B, T, F), and the memory after them."""
+        untracked = head_is_untracked(features)
+        if not self.updates or not untracked.any():
+            return self.recurrent(features, memory)
+        states, after = features, []
+        for layer, state in enumerate(memory):
+            states = self._remember_with_updates(layer, states, state, untracked)
+            after.append(states[:, -1])
+        return states, torch.stack(after)
+
+    def _remember_with_updates(self, layer: int, inputs: Tensor, state: Tensor, untracked: Tensor) -> Tensor:
+        """Return the states (B, T, hidden) of a layer whose weights have updates in frames with `untracked` heads."""
+        of_input, of_state, input_bias, state_bias = self.recurrent.all_weights[layer]
+        size = self.config.hidden
+        given = nn.functional.linear(inputs, of_input, input_bias)
+        given = given + untracked * self.updates[f"input_l{layer}"](inputs)
+        update, states = self.updates[f"state_l{layer}"], []
+        for now, where in zip(given.unbind(1), untracked.unbind(1), strict=True):
+            kept = nn.functional.linear(state, of_state, state_bias) + where * update(state)
+            reset, stay = (now[:, : 2 * size] + kept[:, : 2 * size]).sigmoid().chunk(2, dim=-1)
+            candidate = torch.tanh(now[:, 2 * size :] + reset * kept[:, 2 * size :])
+            state = candidate + stay * (state - candidate)
+            states.append(state)
+        return torch.stack(states, dim=1)
 
     def prediction(self, turned: Tensor, judged: Tensor) -> Prediction:
         """Convert raw outputs to a prediction."""
@@ -122,6 +179,19 @@ class CompletionNetwork(nn.Module):
         """Return positions (B, T, 25, 3) from the head, for rotations (B, T, 22, 3, 3) and offsets (B, 25, 3)."""
         bones = rotation[..., self.bone_parents, :, :] @ rest_offset[:, None, 1:, :, None]
         return self.from_head @ bones[..., 0]
+
+
+def head_is_untracked(features: Tensor) -> Tensor:
+    """Return (B, T, 1) 1 where the head's position or its rotation is not tracked, else 0."""
+    position, rotation = (features[..., place] for place in _HEAD_FLAGS)
+    return (1.0 - position * rotation)[..., None]
+
+
+def _low_rank(inputs: int, outputs: int, rank: int) -> nn.Sequential:
+    """Return a product of two matrices that is 0 until it is trained."""
+    inward, outward = nn.Linear(inputs, rank, bias=False), nn.Linear(rank, outputs, bias=False)
+    nn.init.zeros_(outward.weight)
+    return nn.Sequential(inward, outward)
 
 
 def orthonormal(axes: Tensor) -> Tensor:

@@ -36,7 +36,7 @@ def sample_moments(network: CompletionNetwork, batches: Iterable[RawBatch | Sequ
         for t in range(length):
             read, before = features[:, t].flatten(0, 1), memory
             # For a single frame, the memory is the output of all layers.
-            _, memory = network.recurrent(read[:, None], before)
+            _, memory = network.remember(read[:, None], before)
             if t % _STRIDE == 0:
                 valid = batch.valid[:, t].repeat_interleave(2)
                 for name, rows in _read_by(read, before, memory).items():

@@ -29,7 +29,7 @@ from bodysense_lab.completion.networks.network import CompletionConfig, Completi
 FORMAT = "bodysense-completion-2"
 # Tables that are multiplied most. The last layer of rotations and the error maps keep half precision: with error maps
 # in bytes, bounds of 90 % covered only 79 % of the errors of some sensor sets.
-_IN_BYTES = ("body.recurrent.weight", "body.turn_branch.0.weight", "body.judge_branch", "fingers")
+_IN_BYTES = ("body.recurrent.weight", "body.updates", "body.turn_branch.0.weight", "body.judge_branch", "fingers")
 _EXACT = ("usual_bones", "standing", "relaxed", "errors.bias", "errors.inward.bias")
 _ALIGNMENT = 64  # bytes, of length and header together, so that numbers are aligned in a memory map
 

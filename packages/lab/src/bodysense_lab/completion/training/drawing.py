@@ -25,7 +25,7 @@ from bodysense_lab.completion.data.sequences import Sequence
 
 BLOCK, PLACES = 16, 48  # sequences of a file, and files of the ring; together about 350 MB
 _POLL = 0.01  # s between two looks for a free place or a new file
-_OF_SEQUENCE = ("accuracy", "rest_offset", "certainty", "size", "interval", "usual")  # fields without frames
+_OF_SEQUENCE = ("accuracy", "rest_offset", "certainty", "size", "interval")  # fields without frames
 
 Sampler = Callable[[np.random.Generator], Callable[[], Sequence]]  # generator → function that draws a sequence
 
@@ -116,7 +116,7 @@ def read_block(path: Path) -> list[Sequence]:
         values = {name: stored[name] for name in stored.files}
     ends = np.cumsum(values.pop("length"))
     rows = {name: part if name in _OF_SEQUENCE else np.split(part, ends[:-1]) for name, part in values.items()}
-    scalars: dict[str, Callable[[Any], Any]] = {"size": float, "interval": float, "usual": bool}
+    scalars: dict[str, Callable[[Any], Any]] = {"size": float, "interval": float}
     sequences = []
     for k in range(len(ends)):
         own: dict[str, Any] = {name: scalars.get(name, np.asarray)(part[k]) for name, part in rows.items()}

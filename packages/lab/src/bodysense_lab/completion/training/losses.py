@@ -34,7 +34,6 @@ class Losses:
     skate: float = 0.1  # per m/s, of feet that truly stand
     contact: float = 0.03  # cross-entropy
     error: float = 0.01  # `laplace_loss` of the expected error
-    stay: float = 0.0  # of `staying_loss`, relative to the terms of the truth; 0: without a teacher
 
 
 @dataclass(frozen=True)
@@ -91,42 +90,6 @@ def _joint_weights(like: Tensor) -> tuple[Tensor, Tensor]:
     turn = [_TURN_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY]
     place = [_PLACE_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY_POINTS]
     return like.new_tensor(turn), like.new_tensor(place)
-
-
-def staying_loss(
-    network: CompletionNetwork,
-    prediction: Prediction,
-    teacher: Prediction,
-    batch: SequenceBatch,
-    weights: Losses,
-) -> Tensor:
-    """Return the distance to an earlier network's predictions on sequences with usual sensors.
-
-    It keeps what the earlier network has learned while new kinds are learned (Li and Hoiem 2016, "Learning without
-    forgetting"). It has the terms and the weights of the truth: rotation, position, head and contact.
-
-    Args:
-        network: the trained network.
-        prediction: its prediction for B sequences.
-        teacher: the earlier network's prediction for the U sequences with `batch.usual`.
-        batch: B sequences.
-        weights: weights of the terms.
-    """
-    rows, signal = batch.usual, batch.signal
-    turn_weight, place_weight = _joint_weights(signal.size)
-    free = ~signal.has_rotation[rows][..., None, None]
-    measured = signal.turn[rows].mT[..., None, :, :] @ signal.rotation[rows]
-    bones = (signal.rest_offset / signal.size[:, None, None])[rows]
-    rotation, wanted = (
-        torch.where(free, orthonormal(axes), measured) for axes in (prediction.axes[rows], teacher.axes)
-    )
-    position, target = (network.places(turned, bones) for turned in (rotation, wanted))
-    apart = (rotation - wanted).abs().mean(dim=(-2, -1)) * turn_weight * weights.rotation
-    away = (position - target).abs().mean(dim=-1) * place_weight * weights.position
-    contact = (prediction.contact_logit[rows].sigmoid() - teacher.contact_logit.sigmoid()).abs() * weights.contact
-    valid = batch.valid[rows]
-    total = sum(mean_over(valid, term) for term in (apart, away, contact))
-    return weights.stay * total * valid.sum() / batch.valid.sum().clamp(min=1)
 
 
 def prediction_errors(

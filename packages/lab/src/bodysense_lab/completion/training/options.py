@@ -60,10 +60,9 @@ class CompletionTraining(_FolderRun, Card):
     """checkpoint of an earlier run, or completion network (.safetensors), with the body's initial weights"""
     keep: Annotated[float, within(float, 0, 1)] = 0.0
     """share of the weights of --begin-with in the average with the trained weights that is written"""
-    stay_close: Annotated[float, within(float, 0, 100)] = 0.0
-    """weight of the distance to the predictions of --begin-with for usual sensors; 0: none"""
-    protect: Annotated[float, within(float, 0, 1e6)] = 0.0
-    """weight of the answers of --begin-with for usual sensors, which are kept while others are learned; 0: none"""
+    update_rank: Annotated[int, within(int, 0, 512)] = 0
+    """rank of the updates that act while the head's pose is not tracked; they are trained, and all other weights are
+    those of --begin-with; 0: train all weights"""
     streams: Count = 96
     """sequences in parallel"""
     draw_processes: Annotated[int, within(int, 0, 1024)] = 0
@@ -79,10 +78,12 @@ class CompletionTraining(_FolderRun, Card):
         check_ending(self.out, ".safetensors")
         if self.keep and self.begin_with is None:
             raise BodysenseError(f"--keep {self.keep:g} is a share of earlier weights; give --begin-with, too")
-        if self.protect and self.begin_with is None:
-            raise BodysenseError(f"--protect {self.protect:g}: the answers of which network? Give --begin-with, too")
-        if self.stay_close and self.begin_with is None:
-            raise BodysenseError(f"--stay-close {self.stay_close:g}: close to which network? Give --begin-with, too")
+        if self.update_rank % 16:
+            raise BodysenseError(
+                f"--update-rank {self.update_rank}: not a multiple of 16, in which the core counts rows"
+            )
+        if self.update_rank and self.begin_with is None:
+            raise BodysenseError(f"--update-rank {self.update_rank}: updates of which network? Give --begin-with, too")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
-from torch.optim import Optimizer
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
@@ -27,7 +26,6 @@ from bodysense_lab.completion.data.sensor_draws import draw_sensors, fixed_senso
 from bodysense_lab.completion.data.sequences import DrawSensors, Sequence, draw_hands, draw_scene, draw_sequence
 from bodysense_lab.completion.networks.fingers import FingerConfig
 from bodysense_lab.completion.networks.network import CompletionConfig
-from bodysense_lab.completion.networks.protection import Protection
 from bodysense_lab.completion.score.finger_errors import FingerValidation, predicted_fingers, untracked_distances
 from bodysense_lab.completion.training.drawing import Drawing
 from bodysense_lab.completion.training.losses import (
@@ -36,16 +34,21 @@ from bodysense_lab.completion.training.losses import (
     finger_losses,
     losses,
     prediction_errors,
-    staying_loss,
 )
+from bodysense_lab.completion.training.options import Body
 from bodysense_lab.core.fit import Task, stream_sequences
 from bodysense_lab.core.options import Schedule
 from bodysense_lab.core.precision import layer_autocast
 
 HEADSET_CATEGORIES = ("sit", "talk_gesture", "everyday", "locomotion", "")  # motions of headset wearers; "" is unknown
-# Sensor sets of validation, and those that are scored on the own body only.
-SETS = ("three_point", "head", "six_point", "headset_camera", "three_point_imu_feet")
-OWN_SETS = ("mocopi_six", "dip_six", "headset_slimevr_six")
+# Bodies of each sensor set of validation: of all weights, and of the updates, which act without the head's pose.
+SETS: dict[str, tuple[Body, ...]] = {
+    **dict.fromkeys(
+        ("three_point", "head", "six_point", "headset_camera", "three_point_imu_feet"), ("own", "stranger")
+    ),
+    **dict.fromkeys(("mocopi_six", "dip_six", "headset_slimevr_six"), ("own",)),
+}
+UPDATE_SETS: dict[str, tuple[Body, ...]] = dict.fromkeys(("mocopi_six", "dip_six", "slimevr_five"), ("own",))
 _POSTURE_SHARE = 0.2  # share of sequences in postures that are rare in recordings
 _SCENE_SHARE = 0.12  # share of sequences that are scripted scenes
 _GENERATED = 0.5  # share of sequences whose fingers are generated
@@ -86,9 +89,7 @@ class CompletionTask(Task):
     source: Mapping[str, Any] | None = None
     precision: torch.dtype | None = None  # of the layers; None: the device's own
     sensors: DrawSensors = draw_sensors  # draws the sensors of sequences
-    protection: Protection | None = None  # keeps answers on known inputs; None: everything may change
     drawing: Drawing | None = None  # worker processes that draw sequences; None: this process draws them
-    teacher: Any = None  # an earlier network, to which predictions for usual sensors stay close; None: without
     mixed = True
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[RawBatch]:
@@ -100,39 +101,14 @@ class CompletionTask(Task):
         return prefetched(_stream_batches(lambda: next(drawn), self.configuration))
 
     def loss(self, batch: RawBatch | SequenceBatch, memory: Tensor | None) -> tuple[dict[str, Tensor], Tensor]:
-        """Return the losses of a chunk and the memory after it: that of the network, then that of the teacher."""
+        """Return the losses of a chunk and the memory after it."""
         batch = assembled(batch)
-        before, layers = self._memory_before(batch, memory), self.network.config.layers
+        before = _memory_before(self.network, batch, memory)
         features = self.network.read(batch.signal)
         with layer_autocast(features.device, self.precision):
-            (turned, judged), after = self.network.predict(features, before[:layers])
+            (turned, judged), after = self.network.predict(features, before)
         prediction = self.network.prediction(turned.float(), judged.float())
-        terms = losses(self.network, prediction, batch, self.configuration.losses)
-        if self.teacher is None:
-            return terms, after
-        after, earlier = after.detach().float(), before[layers:].clone()
-        rows = batch.usual
-        if rows.any():
-            with torch.no_grad(), layer_autocast(features.device, self.precision):
-                raw, earlier[:, rows] = self.teacher.predict(features[rows], before[layers:, rows])
-            kept = self.teacher.prediction(*(part.float() for part in raw))
-            stay = staying_loss(self.network, prediction, kept, batch, self.configuration.losses)
-            terms = {"loss": terms["loss"] + stay, "stay": stay, **{k: v for k, v in terms.items() if k != "loss"}}
-        else:
-            terms["stay"] = torch.zeros(())
-        return terms, torch.cat([after, earlier])
-
-    def after_step(self, optimizer: Optimizer) -> None:
-        """Shrink changes along directions that known inputs use, if they are protected, in step with the rate."""
-        if self.protection is not None:
-            self.protection.shrink(self.network, optimizer.param_groups[0]["lr"] / self.schedule.learning_rate)
-
-    def _memory_before(self, batch: SequenceBatch, memory: Tensor | None) -> Tensor:
-        """Return the memories before a chunk: of the network, then of the teacher if there is one."""
-        if memory is None:
-            parts = [one.begin(len(batch.begins)) for one in (self.network, self.teacher) if one is not None]
-            memory = torch.cat(parts)
-        return torch.where(batch.begins[None, :, None], 0.0, memory.detach().float())
+        return losses(self.network, prediction, batch, self.configuration.losses), after.detach().float()
 
     @torch.no_grad()
     def validate(self, network: Any) -> dict[str, float]:
@@ -265,8 +241,10 @@ def _with_score(figures: dict[str, float], ending: str) -> dict[str, float]:
     return {"score": float(np.mean([value for name, value in figures.items() if name.endswith(ending)]))} | figures
 
 
-def validation_batches(corpus: Corpus, stride: int, backward: bool = False) -> dict[str, list[SequenceBatch]]:
-    """Return whole clips of the motions of headset wearers, on their own and on unseen bodies, by sensor set and body.
+def validation_batches(
+    corpus: Corpus, stride: int, backward: bool = False, sets: Mapping[str, tuple[Body, ...]] = SETS
+) -> dict[str, list[SequenceBatch]]:
+    """Return whole clips of the motions of headset wearers, by sensor set and body.
 
     Every `stride`-th clip is used. Raises BodysenseError if the split has no such motion.
     """
@@ -277,6 +255,6 @@ def validation_batches(corpus: Corpus, stride: int, backward: bool = False) -> d
         f"{name}_{body}": whole_clips(
             corpus, clips, (body,), sensors=partial(fixed_sensors, SENSOR_SETS[name]), backward=backward
         )
-        for name in (*SETS, *OWN_SETS)
-        for body in (("own",) if name in OWN_SETS else ("own", "stranger"))
+        for name, bodies in sets.items()
+        for body in bodies
     }
