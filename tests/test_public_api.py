@@ -285,6 +285,7 @@ UNTYPED: Any = bs  # calls that a type checker would refuse
         ),
         (lambda: UNTYPED.Tracker().step(bs.observe(0, {"head": ((0, 1.6, 0), None)}), None), "at first tracker.start"),
         (lambda: UNTYPED.write(bs.demo.packaged_performance(), "a.bvh"), "write: Clip.* give the path first"),
+        (lambda: UNTYPED.convert("a.bvh", 4), "convert: 4 is of type int; give the path of the output"),
         (lambda: UNTYPED.write("a.bvh", "b.bvh"), "write: 'b.bvh' is of type str; give a Clip"),
         (lambda: UNTYPED.forward_kinematics(bs.default_skeleton()), "forward_kinematics: Skeleton.* give a Pose"),
         (lambda: UNTYPED.glove_device("me"), "glove_device: 'me' is of type str; give the wearer's Skeleton"),

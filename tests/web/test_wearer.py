@@ -76,3 +76,11 @@ def test_sitting_counts_before_vr_and_the_box_follows_the_menu(visit: Visit) -> 
 
 def test_a_wearer_who_stands_up_stays_on_the_floor(visit: Visit) -> None:
     assert body_of(visit[0] / "risen.bvh")[1].max() < 0.08
+
+
+def test_nothing_of_one_session_is_left_in_the_next(scenario: Scenario, site: Path, tmp_path: Path) -> None:
+    """A room, then VR with hands taken off while it measures, then VR after another source."""
+    facts = scenario("headset/order", site, tmp_path)
+    assert facts["menus"] == 3 * ["Point and pinch, or pull the trigger."]
+    assert facts["silent"] == [True, True]
+    assert facts["nothingOn"].startswith("No headset is on, and nothing else measures you.")

@@ -2,7 +2,7 @@
 
 import type { SensorSet } from "./body/clip";
 import type { Observation } from "./body/observation";
-import { restHeight, type Skeleton } from "./body/skeleton";
+import { stature, type Skeleton } from "./body/skeleton";
 import type { Engine } from "./engine/engine";
 import { FirstPicture, type FirstFiles } from "./first";
 import { Live } from "./live";
@@ -223,6 +223,7 @@ export class App {
     if (missing) throw new Error(missing);
     await this.headset.enter(mode);
     this.notice.clear(); // notices of an earlier session
+    this.menu.say();
     this.begin(this.headset);
     this.enteredAt = Date.now();
     if (this.files.about.server) this.bridge.open(socketAddress({ href: this.base }));
@@ -398,7 +399,7 @@ export class App {
 
   /** The height of the displayed body, or else the set height, plus `metres` more. */
   private tallerBy(metres: number): number {
-    const height = Math.round(100 * ((this.settings.height ?? restHeight(this.live.tree)) + metres)) / 100;
+    const height = Math.round(100 * ((this.settings.height ?? stature(this.live.tree)) + metres)) / 100;
     return Math.min(Math.max(height, HEIGHTS.least), HEIGHTS.most);
   }
 
@@ -452,6 +453,7 @@ export class App {
   private afterHeadset(wasRequested: boolean): void {
     const { takes } = this.takes;
     takes.end();
+    this.measuring.stop();
     const take = takes.all.find(({ id }) => id >= this.enteredAt);
     const kept = take ? ` Your take of ${partOf(take)[1].toFixed(1)} s is kept: it is under Takes.` : "";
     if (take) this.playback.seek(take.frames[0].time);

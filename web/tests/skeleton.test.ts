@@ -1,6 +1,6 @@
 import { Object3D, Vector3 } from "three";
 import { describe, expect, it } from "vitest";
-import { meanDistance, place, restHeight, rootHeight } from "../src/body/skeleton";
+import { meanDistance, place, restHeight, restPoint, rootHeight, stature } from "../src/body/skeleton";
 import { moment, skeleton } from "./body";
 
 describe("forward kinematics", () => {
@@ -31,4 +31,9 @@ describe("forward kinematics", () => {
     const [here, there] = [place(skeleton, [0, 0, 0], rotation), place(skeleton, [0.03, 0, 0.04], rotation)];
     expect(meanDistance(here, there, skeleton.joints)).toBeCloseTo(0.05, 5);
   });
+});
+
+it("a person's height is that of the crown over the soles, which the lowest point is above", () => {
+  expect(stature(skeleton)).toBe(restPoint(skeleton, "head_top")[1]);
+  expect(stature(skeleton) - restHeight(skeleton)).toBeGreaterThan(0.005);
 });

@@ -7,6 +7,7 @@ import { axisAngle, fromAxes, multiply, rotate, type Vector } from "../src/body/
 import { numbers, readNpz } from "../src/files/npz";
 import type { Observation } from "../src/body/observation";
 import { applyPlacement, placementAt } from "../src/sources/placement";
+import { Measuring } from "../src/wearer/measuring";
 import { moved, nameOf, placeOf, PLACES, usualPlace } from "../src/wearer/trackers";
 import { DEVIATION, NOBODY, distancesOf, LENGTH_NAMES, LENGTHS, personFrom, personOf } from "../src/wearer/wearer";
 
@@ -109,6 +110,20 @@ describe("calibration", () => {
       /^Your head moved by \d+ cm: stand still[^\n]*$/,
     );
     expect(() => calibrated([])).toThrow("Your head was not tracked");
+  });
+});
+
+describe("measuring", () => {
+  it("does not go on in the next session", () => {
+    const said: string[] = [];
+    const measuring = new Measuring((text) => said.push(text));
+    measuring.start();
+    for (let k = 0; k < 120; k++) expect(measuring.take(standing(k / 30, [0, 1.6, 0]))).toBeNull(); // 4 s of 5
+    expect(said.at(-1)).toMatch(/^Hold still/);
+    measuring.stop();
+    const before = said.length;
+    for (let k = 0; k < 60; k++) expect(measuring.take(standing(10 + k / 30, [1, 1.6, 0]))).toBeNull();
+    expect(said.length).toBe(before);
   });
 });
 

@@ -23,10 +23,8 @@ def check_ending(path: Path) -> Path:
     """Return the path of an output file. Raises BodysenseError if its ending is unknown."""
     check_place(path)
     if path.suffix.lower() not in ENDINGS:
-        raise BodysenseError(
-            f"{path}: the output ends in {path.suffix or 'nothing'!r}; give a name that ends in .bvh, .fbx, "
-            ".glb, .vrma or .mcap"
-        )
+        found = f"the output ends in {path.suffix!r}" if path.suffix else "the output has no ending"
+        raise BodysenseError(f"{path}: {found}; give a name that ends in .bvh, .fbx, .glb, .vrma or .mcap")
     if path.suffix.lower() == ".mcap":
         from bodysense.io.formats.mcap_take import load_writer
 

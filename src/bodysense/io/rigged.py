@@ -34,9 +34,10 @@ from bodysense.io.mvnx import parse_mvnx
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.canonical import CanonicalForm
 from bodysense.io.rigs.figure import LONG, Figure, blocks_of, measured
+from bodysense.io.rigs.halves import find_body
 from bodysense.io.rigs.joint_file import JointFile
 from bodysense.io.rigs.names import ARMS, LEGS, is_end, joints_of, parts, side_of
-from bodysense.io.rigs.rig import Rig, find_body, joint_map, recognise
+from bodysense.io.rigs.rig import Rig, joint_map, recognise
 
 BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 

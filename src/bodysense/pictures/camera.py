@@ -73,11 +73,11 @@ class FollowingCamera:
         return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
 
 
-def follow_body(truth: Pose, rate: float, lens: Lens = Lens(), calm: float = 0.7) -> FollowingCamera:
+def follow_body(truth: Pose, rate: float, lens: Lens = Lens()) -> FollowingCamera:
     """Return a camera that keeps a body (T, …) at `rate` Hz in the picture, from its front left.
 
     The camera is still if the head stays within 0.5 m of one position. Otherwise it follows the head, smoothed over
-    `calm` seconds. All compared methods agree on the head, so the camera's motion does not reveal the method.
+    0.7 s. All compared methods agree on the head, so the camera's motion does not reveal the method.
     """
     position, rotation = forward_kinematics(truth)
     skin = fit_skin(truth.skeleton)
@@ -89,7 +89,7 @@ def follow_body(truth: Pose, rate: float, lens: Lens = Lens(), calm: float = 0.7
     soles = (place_skin(skin, truth)[..., 1] - skin.radius).min(axis=-1)
     return FollowingCamera(
         lens=lens,
-        follow=np.tile(middle, (len(path), 1)) if stays else smoothed(path, calm * rate),
+        follow=np.tile(middle, (len(path), 1)) if stays else smoothed(path, 0.7 * rate),
         turn=float(np.arctan2(front[0], front[2])) + lens.azimuth,
         floor=float(np.percentile(soles, 5)),
         scale=truth.skeleton.height / 1.7,

@@ -15,8 +15,8 @@ from bodysense.pictures.camera import Lens, follow_body
 _LENS = Lens(width=144, height=207, view_height=2.3)
 
 
-def draw_sheet(path: str | Path, pose: Pose, columns: int = 6) -> None:
-    """Write a PNG of bodies (N, …) in rows, each from its front left."""
+def draw_sheet(path: str | Path, pose: Pose) -> None:
+    """Write a PNG of bodies (N, …) in rows of six, each from its front left."""
     from PIL import Image
 
     pictures = []
@@ -24,7 +24,7 @@ def draw_sheet(path: str | Path, pose: Pose, columns: int = 6) -> None:
         body = pose[k : k + 1]
         camera = replace(follow_body(body, 1.0, _LENS), follow=np.asarray(body.root_position)[:, [0, 2]])
         pictures += draw_pose(body, camera)
-    columns = min(columns, len(pictures))
+    columns = min(6, len(pictures))
     pictures += [np.full_like(pictures[0], 255)] * (-len(pictures) % columns)
     rows = [np.concatenate(pictures[first : first + columns], axis=1) for first in range(0, len(pictures), columns)]
     with written_beside(path) as beside:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, expect
 from bodysense.io.clip import Clip
 from bodysense.io.motion_files import check_ending, write_motion
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
@@ -36,6 +36,7 @@ def convert(
     Raises BodysenseError, naming the file and the fix, for a source that is no complete motion, and before any work for
     an output that cannot be written.
     """
+    expect(out, (str, Path), "convert", "the path of the output: convert(source, path)")
     out = check_ending(Path(out))
     opened = open_source(source, reading)
     if not isinstance(opened, MotionSource):

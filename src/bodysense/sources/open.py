@@ -219,6 +219,11 @@ def kind_of(source: str | Path) -> Kind:
         _check_images(path)
         return "video"
     if not path.is_file():
+        scheme, is_address, rest = str(source).partition(":/")
+        if is_address and len(scheme) > 1:  # one letter is a drive
+            raise BodysenseError(
+                f"{scheme}://{rest.lstrip('/')}: an address, and only files are read; download it first"
+            )
         raise BodysenseError(f"{path}: no such file")
     check_kind(path)
     if is_marker_file(path):

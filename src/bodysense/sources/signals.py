@@ -57,7 +57,7 @@ def signal_from(
                 f"headset_camera; valid are {', '.join(DEVICES)}"
             )
         recording = Recording(simulate(opened.clip, device, noise), opened.clip.pose.skeleton)
-        _check_size(opened)
+        check_size(opened)
     else:
         refuse(name, "a recording, not a motion", device=device, noise=noise)
         recording = opened.recording
@@ -67,7 +67,7 @@ def signal_from(
         raise BodysenseError(f"{name}: {str(error).removeprefix('observation: ')}") from None
 
 
-def _check_size(opened: MotionSource) -> None:
+def check_size(opened: MotionSource) -> None:
     """Raise BodysenseError for a motion whose body is not as tall as a person."""
     height = stature(opened.clip.pose.skeleton.rest_offset)
     if not SHORTEST <= height <= TALLEST:

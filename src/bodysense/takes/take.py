@@ -27,7 +27,7 @@ from bodysense.io.resample import at_constant_rate
 from bodysense.observing.observation import Observation, check_world
 from bodysense.observing.points import concatenated_frames, observed_points
 from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
-from bodysense.sources.signals import Signal, refuse, signal_from
+from bodysense.sources.signals import Signal, check_size, refuse, signal_from
 from bodysense.takes.fitting import fit_hips
 from bodysense.takes.marker_body import fit_markers
 from bodysense.takes.two_way import complete_both_ways, concatenate_estimates
@@ -199,7 +199,11 @@ def track(
     if isinstance(opened, MotionSource) and device is None:
         kind = "a motion whose holes are filled, which has a body of its own"
         refuse(opened.name, kind, person=person, height=height, noise=noise, follow=follow, roll=roll)
-        take = fill_take(opened.with_holes(missing), completion)
+        try:
+            take = fill_take(opened.with_holes(missing), completion)
+        except BodysenseError:
+            check_size(opened)  # says more about a body that is too small or too large
+            raise
         return replace(take, source=opened.joint_file, reading=opened.options)
     if missing not in ((), []):
         other = f"leave --device {device} out" if device is not None else "give a motion, such as a .bvh file"

@@ -195,15 +195,6 @@ READY = (
     + arm("Spine2", "*Shoulder", "*Arm", "*ForeArm", "*Hand")
     + leg("Hips", "*UpLeg", "*Leg", "*Foot", "*ToeBase")
 )
-WORLDS = plain(
-    "aw_pelvis",
-    "aw_back aw_back2",
-    "aw_neck aw_head",
-    "aw_*sternum aw_*shoulder aw_*elbow aw_*wrist",
-    "aw_*hip aw_*knee aw_*ankle aw_*toes",
-    "spine1 spine3",
-    "aw_*eye | aw_head | head>@hip:0.06\naw_hair | aw_head | head>neck:-0.4\n",
-)
 KINECT1 = (
     "HipCenter | - | pelvis\nSpine | HipCenter | spine1\nShoulderCenter | Spine | neck\nHead | ShoulderCenter | head\nEnd Site | Head | head_top\n"
     + arm("ShoulderCenter", "Shoulder*", "Elbow*", "Wrist*")
@@ -251,7 +242,6 @@ FURTHER: dict[str, Layout] = {
     "video to BVH": layout(LIFTED, unit=1.0, up="z", lacks=("head",)),
     "3ds Max Biped, twists": layout(BIPED, "L", "R", "Bip001 * Finger{m}{j}", "Bip001 * Hand", unit=0.0254, up="z", rest="odd", still=("neck", "spine1")),
     "Ready Player Me": layout(READY, fingers="*Hand{F}{k}", unit=1.0),
-    "Active Worlds": layout(WORLDS, "lf", "rt", unit=0.1, has_known_unit=False),
     "Kinect, first": layout(KINECT1, unit=1.0, has_positions=True),
     "FreeMoCap": layout(FREE, "L", "R", unit=1.0, up="z", rest="A", still=("spine1",)),
     "Roblox": layout(ROBLOX, unit=0.36, has_known_unit=False),

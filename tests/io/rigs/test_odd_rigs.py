@@ -121,16 +121,6 @@ def test_a_body_that_sits_is_read(name: str) -> None:
     check(EVERY[name], seated())
 
 
-def test_guessed_sides_are_reported() -> None:
-    """A straight body without feet, in one frame, under numbers."""
-    number = {name: f"n{k}" for k, (name, _, _) in enumerate(LAYOUTS["OpenNI"].bones)} | {"-": "-"}
-    number["End Site"] = "End Site"
-    bones = [(number[name], number[parent], place) for name, parent, place in LAYOUTS["OpenNI"].bones]
-    blank = replace(LAYOUTS["OpenNI"], bones=bones)
-    assert "which side is left is a guess" in of(write(blank, held_still(standing(), blank))).rig.line()
-    assert "guess" not in of(write(blank, held_still(motion(10, 60), blank))).rig.line()
-
-
 def of_shape(clip: Clip, **factors: float) -> Clip:
     """The motion on a body with some longer or shorter bones."""
     skeleton = clip.pose.skeleton

@@ -71,6 +71,11 @@ export function restHeight(skeleton: Skeleton): number {
   return high - low;
 }
 
+/** Height of the crown above the soles in the rest pose, metres: what people call their height. */
+export function stature(skeleton: Skeleton): number {
+  return restPoint(skeleton, "head_top")[1];
+}
+
 /** Height of the root above the lowest point in the rest pose, metres. */
 export function rootHeight(skeleton: Skeleton): number {
   return -restRange(skeleton)[0];

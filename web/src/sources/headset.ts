@@ -87,7 +87,8 @@ export class Headset implements Source {
     await this.view.renderer.xr.setSession(session);
     this.session = session;
     this.view.renderer.xr.getReferenceSpace()?.addEventListener("reset", () => this.recentre());
-    this.mirror.frame.visible = this.menu.board.visible = this.held.group.visible = true;
+    this.menu.board.visible = this.held.group.visible = true;
+    this.showMirror(this.isMirrorVisible); // as the wearer left it
     this.view.stage.matrixAutoUpdate = false;
   }
 

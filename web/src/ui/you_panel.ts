@@ -1,7 +1,7 @@
 /** The wearer: height, measuring, sitting, the floor. */
 
 import { distance } from "../body/math";
-import { restHeight, restPoint, type Skeleton } from "../body/skeleton";
+import { restPoint, stature, type Skeleton } from "../body/skeleton";
 import type { Settings } from "../settings";
 import { button, element, input, tick } from "../page";
 import { LENGTH_NAMES, LENGTHS, type LengthName } from "../wearer/wearer";
@@ -44,7 +44,7 @@ export class YouPanel {
 
   /** Show the lengths of the displayed body where the user knows none. */
   showBody(tree: Skeleton): void {
-    input("height").placeholder = restHeight(tree).toFixed(2);
+    input("height").placeholder = stature(tree).toFixed(2);
     for (const name of LENGTH_NAMES) {
       const [[start, end]] = LENGTHS[name].pairs;
       input(name).placeholder = distance(restPoint(tree, start), restPoint(tree, end)).toFixed(2);

@@ -30,6 +30,8 @@ interface Hit {
 const [WIDTH, ROW, GAP, PIXELS] = [0.5, 0.075, 0.012, 1400]; // m, m, m, pixels a metre
 const HEAD = 0.14; // m: the line on top
 
+const HINT = "Point and pinch, or pull the trigger.";
+
 export class VrMenu {
   readonly board = new Group();
   private readonly panel: Mesh<PlaneGeometry, MeshBasicMaterial>;
@@ -40,7 +42,7 @@ export class VrMenu {
   private readonly caster = new Raycaster();
   private readonly height: number;
   private drawn = "";
-  private line = "Point and pinch, or pull the trigger.";
+  private line = HINT;
 
   constructor(private readonly items: readonly MenuItem[]) {
     this.height = HEAD + items.length * (ROW + GAP) + GAP;
@@ -70,8 +72,8 @@ export class VrMenu {
     this.board.rotation.y = mirror.rotation.y - 0.6;
   }
 
-  /** Say one line on top of the buttons. */
-  say(line: string): void {
+  /** Say one line on top of the buttons; by default how they are pressed. */
+  say(line = HINT): void {
     this.line = line;
   }
 

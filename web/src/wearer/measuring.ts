@@ -24,6 +24,11 @@ export class Measuring {
     this.began = null;
   }
 
+  /** Measure no more, as the headset is off. */
+  stop(): void {
+    this.frames = null;
+  }
+
   /** Forget the rejected result, as the wearer may have changed. */
   forget(): void {
     this.highest = 0;

@@ -121,6 +121,18 @@ describe("a headset", () => {
     expect(floor()).toBe(0);
   });
 
+  it("keeps its mirror as the wearer left it, from session to session", async () => {
+    const { view, session, headset } = await enterHeadset();
+    const mirror = view.scene.children[0];
+    for (const isVisible of [false, false, true]) {
+      headset.showMirror(isVisible);
+      await session.end();
+      expect([mirror.visible, view.stage.visible]).toEqual([false, true]); // the page shows the body
+      await headset.enter("immersive-vr");
+      expect([mirror.visible, view.stage.visible, headset.isMirrorVisible]).toEqual(Array(3).fill(isVisible));
+    }
+  });
+
   it("takes no hand from a transient pointer", async () => {
     const { tracked, frame, session } = await enterHeadset();
     Object.assign(session.inputSources[0] ?? {}, { targetRayMode: "transient-pointer" });

@@ -143,8 +143,9 @@ class VirtualMarkers:
         """Replace the points '<hand>_glove_…' of these hands by standard ones in T frames; others are unchanged."""
         others = [k for k, name in enumerate(observation.points) if name.partition("_glove_")[0] not in self.gloves]
         after, columns, time = [], [], observation.time
+        index = {name: k for k, name in enumerate(observation.points)}
         for (hand, glove), last in zip(self.gloves.items(), state, strict=True):
-            place = [self._column(observation, f"{hand}_glove_{name}") for name in glove.hand.glove.markers]
+            place = [index.get(f"{hand}_glove_{name}", -1) for name in glove.hand.glove.markers]
             known = observation.has_position[:, place] & (np.array(place) >= 0)
             seen = mirrored_vectors(np.where(known[..., None], observation.position[:, place], np.nan), side_of(hand))
             virtual, solved = np.empty((len(observation), len(MARKERS), 3)), last
@@ -156,9 +157,6 @@ class VirtualMarkers:
         standard = points_alone(points, np.concatenate(columns, axis=1), time)
         standard = replace(standard, accuracy=accuracy_like(standard.has_position, _MARKER))
         return joined_points(chosen_points(observation, others), standard), tuple(after)
-
-    def _column(self, observation: Observation, point: str) -> int:
-        return observation.points.index(point) if point in observation.points else -1
 
 
 def is_standard(hand: GlovedHand) -> bool:

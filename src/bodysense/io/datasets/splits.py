@@ -16,8 +16,13 @@ def split_of(person: str) -> Split:
 
     Adding people never changes the split of others. With few people a split may be empty.
     """
-    share = int.from_bytes(hashlib.sha256(person.encode()).digest()[:8], "big") / 2**64
+    share = hash_share(person)
     return "train" if share < 0.8 else "val" if share < 0.9 else "test"
+
+
+def hash_share(name: str) -> float:
+    """Return a number from 0 to 1 that is random but equal for equal names, on every machine."""
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big") / 2**64
 
 
 def empty_split(name: str, split: str, splits: Iterable[str]) -> str:

@@ -73,14 +73,14 @@ def wire_accuracy(metres: np.ndarray) -> np.ndarray:
     return np.clip(np.rint(np.nan_to_num(metres, posinf=FARTHEST) / ACCURACY_UNIT), 0, 0xFFFF).astype("<u2")
 
 
-def write_signal(frame: SignalFrame, kind: int = SIGNAL) -> bytes:
+def write_signal(frame: SignalFrame) -> bytes:
     """Return the bytes of a signal frame."""
     rows = np.zeros(len(frame.point), dtype=POINT)
     for name in ("point", "has", "position", "rotation"):
         rows[name] = getattr(frame, name)
     if frame.accuracy is not None:
         rows["accuracy"] = frame.accuracy
-    return SIGNAL_HEAD.pack(kind, 0, len(rows), frame.sequence, frame.time) + rows.tobytes()
+    return SIGNAL_HEAD.pack(SIGNAL, 0, len(rows), frame.sequence, frame.time) + rows.tobytes()
 
 
 def signal_time(data: bytes) -> float:

@@ -186,7 +186,11 @@ def read_recording(path: str | Path) -> Recording:
     _check_ending(path)
     if not path.is_file():
         raise BodysenseError(f"{path}: no such file")
-    recording = _read_npz(path) if path.suffix == ".npz" else _read_jsonl(path)
+    if path.suffix == ".npz":
+        recording = _read_npz(path)
+    else:
+        observation, skeleton = read_lines(path)
+        recording = Recording(observation, _skeleton(path, skeleton), known=_has_skeleton(skeleton))
     _check(path, recording)
     return recording
 
@@ -304,8 +308,3 @@ def _skeleton(path: Path, fields: dict[str, Any]) -> Skeleton:
         raise BodysenseError(f"{path}: its skeleton cannot be read ({error}); see docs/recording.md") from None
     except BodysenseError as error:
         raise BodysenseError(f"{path}: {error}") from None
-
-
-def _read_jsonl(path: Path) -> Recording:
-    observation, skeleton = read_lines(path)
-    return Recording(observation, _skeleton(path, skeleton), known=_has_skeleton(skeleton))

@@ -57,7 +57,10 @@ def is_on_other_side(frame: SegmentFrame, places: Mapping[str, np.ndarray], fram
     """Return whether the markers of a segment that may be on either side are on the right, in most frames."""
     if not frame.standing or frame.either_side_of is None or frame.either_side_of not in frames:
         return False
-    return bool(np.nanmedian(np.r_[_left_of(frame, places, frames[frame.either_side_of]), 0.0]) < 0)
+    # How far (T,) m a marker of either side is left of the others, by the axes of another segment.
+    _, start, end = next(row for row in frame.axes if row[0] == "left")
+    left = ((_mean(places, end) - _mean(places, start)) * frames[frame.either_side_of][..., 0]).sum(axis=-1)
+    return bool(np.nanmedian(np.r_[left, 0.0]) < 0)
 
 
 def _axes(rows: Directions, is_right: bool, places: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -76,12 +79,6 @@ def _axes(rows: Directions, is_right: bool, places: Mapping[str, np.ndarray]) ->
     axes[..., third] = _unit(sign * cross(kept, other))
     axes[..., second] = sign * cross(axes[..., third], axes[..., first])
     return axes
-
-
-def _left_of(frame: SegmentFrame, places: Mapping[str, np.ndarray], beside: np.ndarray) -> np.ndarray:
-    """Return how far (T,) m a marker of either side is left of the others, by the axes of another segment."""
-    _, start, end = next(row for row in frame.axes if row[0] == "left")
-    return ((_mean(places, end) - _mean(places, start)) * beside[..., 0]).sum(axis=-1)
 
 
 def turns_of(axes: np.ndarray) -> np.ndarray:

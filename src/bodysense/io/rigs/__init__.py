@@ -1,1 +1,1 @@
-"""Rigs: skeletons of other programs, recognised by an explicit table, else by names, else by structure."""
+"""Rigs: skeletons of other programs, recognised by an explicit table, else by names."""

@@ -1,7 +1,6 @@
 """Body: the joints of a tree that match ours. Names give legs and arms; pelvis, spine, neck and head follow from these.
 
-If names do not give them, `io.rigs.structure` finds legs and arms, and feet and knees give left and right; the rest is
-the same. Lengths are medians over frames, so neither the rest pose nor a stretching bone matters.
+Lengths are medians over frames, so neither the rest pose nor a stretching bone matters.
 """
 
 from __future__ import annotations
@@ -24,14 +23,13 @@ Kind = Literal["leg", "arm"]
 Pair = tuple[tuple[int, ...], tuple[int, ...]]  # chains of points of two mirrored limbs
 Head = tuple[list[int], dict[str, int]]  # joints of the spine that do not carry the arms; neck, head and its top
 ROLES: dict[Kind, tuple[str, str, str]] = {"leg": ("hip", "knee", "ankle"), "arm": ("shoulder", "elbow", "wrist")}
-WORST = 16.0  # largest penalty of a body that structure finds
+WORST = 16.0  # penalty at which the confidence in a body is 0
 NO_BODY = "not a humanoid: two legs and two arms were not found"
 HEADLESS = 6.0  # penalty of a body without a head
 ALIKE = 0.25  # share by which the bones of a left and a right limb may differ
 ASIDE = 0.1  # of a branch's length, by which ends and helpers count as shorter
 _HIGH_HUB = 0.3  # of the distance to the shoulders: a joint this far from the hips is not a pelvis
 _NEAR_HIPS = 0.45  # of a leg's length: a joint farther from the hips is not a pelvis
-_GUESS = 0.4  # of 6: below it, missing feet and straight knees do not decide left and right
 _ZERO = 0.01  # of a leg's length: closer points coincide
 
 # Usual ratios of a body and the standard deviations of their logarithms: legs to arms, trunk to legs.
@@ -53,20 +51,17 @@ class Body:
 
     points: dict[str, int]
     penalty: float
-    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
 class Limb:
-    """A pair of limbs: the three joints of each, and their chains."""
+    """A pair of limbs, the left one first: the three joints of each, and their chains."""
 
     tree: Tree = field(repr=False)
     hub: int  # the joint where both begin
     chains: Pair
     joints: tuple[tuple[int, ...], tuple[int, ...]]  # hip, knee, ankle or shoulder, elbow, wrist
     lengths: tuple[float, float]  # of the two bones
-    side: int  # 1 if the first of the pair is left by its names, -1 if it is right, 0 if unknown
-    penalty: float = 0.0  # how unlike a leg or an arm it is
 
     @property
     def length(self) -> float:
@@ -186,7 +181,9 @@ def with_chains(tree: Tree, points: Mapping[str, int], kind: Kind) -> dict[str, 
             if after:
                 end = tree.figure.parents[after[0]]
             elif knee is not None:
-                end = next((k for k in _longest_chain(tree, knee) if not tree.is_aside(k)), None)
+                below = longest_chain(tree, knee)
+                site = below[0] if below and below[0] >= len(tree.figure.joints) else None  # of an arm without a hand
+                end = next((k for k in below if not tree.is_aside(k)), site)
         if end is None or end in taken - {found.get(names[2])}:
             continue
         way = tree.figure.above(end)
@@ -232,12 +229,12 @@ def named_limb(tree: Tree, points: Mapping[str, int], kind: Kind) -> Limb | None
     bones = np.array([[tree.distance(side[k], side[k + 1]) for k in (0, 1)] for side in joints])
     if not bones.all() or (np.abs(bones[0] - bones[1]) > 2 * ALIKE * bones.max(axis=0)).any():
         return None
-    one, other = ((*way[: way.index(hub)][::-1], *_longest_chain(tree, way[0])) for way in above)
+    one, other = ((*way[: way.index(hub)][::-1], *longest_chain(tree, way[0])) for way in above)
     upper, lower = bones.mean(axis=0)
-    return Limb(tree, hub, (one, other), (joints[0], joints[1]), (float(upper), float(lower)), side=1)
+    return Limb(tree, hub, (one, other), (joints[0], joints[1]), (float(upper), float(lower)))
 
 
-def _longest_chain(tree: Tree, point: int) -> list[int]:
+def longest_chain(tree: Tree, point: int) -> list[int]:
     """Return the longest chain below a point; helpers and ends count as shorter."""
     chain: list[int] = []
     while below := tree.figure.children[chain[-1] if chain else point]:
@@ -251,7 +248,7 @@ def _longest_chain(tree: Tree, point: int) -> list[int]:
 def unlikeness(limbs: Limbs) -> float:
     """Return the penalty of combining legs and arms in one body."""
     tree, leg, arm = limbs.tree, limbs.leg, limbs.arm
-    penalty = leg.penalty + arm.penalty
+    penalty = 0.0
     for ratio, (usual, deviation) in (
         (leg.length / arm.length, _LEGS_OVER_ARMS),
         (max(limbs.trunk_length / leg.length, 1e-3), _TRUNK_OVER_LEGS),
@@ -288,9 +285,6 @@ def cosine(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def body_of(limbs: Limbs, named: Mapping[str, int], penalty: float) -> Body:
     """Return the points of a body with these limbs; `named` are points that are ours by name."""
     leg, arm = limbs.leg, limbs.arm
-    left_leg, left_arm, remarks = int(leg.side < 0), int(arm.side < 0), ()
-    if not (leg.side and arm.side):
-        left_leg, left_arm, remarks = _left_of(limbs)
     zero = _ZERO * leg.length
     spine, pelvis, neck = _spine_of(limbs, zero)
     points: dict[str, int] = {"pelvis": pelvis}
@@ -299,9 +293,9 @@ def body_of(limbs: Limbs, named: Mapping[str, int], penalty: float) -> Body:
         spine = [pelvis, *spine]
     more_spine, head = limbs.head or ([], {})
     points |= spread([*spine, *more_spine]) | ({} if neck is None else {"neck": neck}) | head
-    for side, a, b in (("left", left_leg, left_arm), ("right", 1 - left_leg, 1 - left_arm)):
-        own = dict(zip(ROLES["leg"], leg.joints[a], strict=True)) | dict(zip(ROLES["arm"], arm.joints[b], strict=True))
-        own |= _collar_of(arm, b) | _foot_of(leg, a, zero)
+    for k, side in enumerate(("left", "right")):
+        own = dict(zip(ROLES["leg"], leg.joints[k], strict=True)) | dict(zip(ROLES["arm"], arm.joints[k], strict=True))
+        own |= _collar_of(arm, k) | _foot_of(leg, k, zero)
         points |= {f"{side}_{part}": point for part, point in own.items()}
         points |= _fingers_of(limbs.tree, side, own["wrist"], named)
     joints = len(limbs.tree.figure.joints)
@@ -309,39 +303,7 @@ def body_of(limbs: Limbs, named: Mapping[str, int], penalty: float) -> Body:
     if any(name == "pelvis" or "shoulder" in name or "hip" in name for name in sited):
         raise BodysenseError(NO_BODY)
     gone = [name for name in sited if not name.endswith(("head", "wrist", "ankle"))]
-    return Body({name: k for name, k in points.items() if name not in gone}, penalty, remarks)
-
-
-def _left_of(limbs: Limbs) -> tuple[int, int, tuple[str, ...]]:
-    """Return the index of the left leg and of the left arm, and remarks."""
-    leg, arm = limbs.leg, limbs.arm
-    if leg.side and arm.side:
-        return int(leg.side < 0), int(arm.side < 0), ()
-    crossed = float(cosine(leg.across, arm.across).mean()) < 0
-    seen = _anatomical(limbs)
-    named = leg.side or (-arm.side if crossed else arm.side)
-    remarks: tuple[str, ...] = ()
-    if named and abs(seen) > 1 and (named > 0) != (seen > 0):
-        remarks = ("left and right are as its names say, though its feet point backward",)
-    elif not named and abs(seen) < _GUESS:
-        remarks = ("which side is left is a guess: no name, foot or knee decides",)
-    left_leg = int(named < 0 if named else seen <= 0)
-    return left_leg, 1 - left_leg if crossed else left_leg, remarks
-
-
-def _anatomical(limbs: Limbs) -> float:
-    """Return the confidence, 0 to 6, that by feet and knees the first leg is the left one; negative: the right one."""
-    tree, leg = limbs.tree, limbs.leg
-    votes = np.zeros(len(limbs.trunk))
-    for which in (0, 1):
-        hip, knee, ankle = (tree.place[:, k] for k in leg.joints[which])
-        toes = [k for k in leg.after(which) if tree.distance(k, leg.joints[which][2]) > 0.1 * leg.lengths[1]]
-        if toes:  # feet point forward, perpendicular to the shin
-            votes += 2 * cosine(np.cross(knee - ankle, tree.place[:, toes[-1]] - ankle), leg.across)
-        bend = knee - (hip + ankle) / 2
-        bent = np.linalg.norm(bend, axis=-1) / leg.length
-        votes += np.minimum(10 * bent, 1.0) * cosine(np.cross(limbs.trunk, bend), leg.across)
-    return float(votes.mean())
+    return Body({name: k for name, k in points.items() if name not in gone}, penalty)
 
 
 def _collar_of(arm: Limb, which: int) -> dict[str, int]:

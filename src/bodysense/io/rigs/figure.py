@@ -16,7 +16,6 @@ from bodysense.io.rigs.names import is_end, is_helper, parts
 
 _MIRROR, _MIRRORED_TURN = np.array([-1.0, 1.0, 1.0]), np.array([1.0, 1.0, -1.0, -1.0])  # of places; of wxyz
 SAMPLE = 120  # frames, evenly spaced, in which lengths are measured
-_BRANCHES = 12  # longest branches of a joint that are searched
 
 
 LONG = 8192  # frames; rotations of a longer motion are computed when they are taken
@@ -227,16 +226,6 @@ class Tree:
     def way(self, start: int, chain: Sequence[int]) -> float:
         """Return the length of a chain from the point that carries it."""
         return self.distance(start, chain[0]) + float(sum(self.length[k] for k in chain[1:]))
-
-    def is_straight(self, a: int, b: int, c: int) -> bool:
-        """Whether three consecutive points of a chain stay in one line."""
-        straight = np.linalg.norm(self.place[:, a] - self.place[:, c], axis=-1).min()
-        return bool(straight > 0.97 * (self.length[b] + self.length[c]))
-
-    def branches(self, point: int) -> list[int]:
-        """Return the longest branches below a point."""
-        found = sorted(self.figure.children[point], key=lambda child: -(self.length[child] + self.reach[child]))
-        return found[:_BRANCHES]
 
     def name(self, point: int) -> str:
         """Return the name of a point."""

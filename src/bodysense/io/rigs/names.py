@@ -1,7 +1,7 @@
 """Names of joints: the words in them (`names.toml`), and which of our joints a list of names means.
 
-In a tree of joints, words add to the evidence of its structure. In a list without a tree, such as markers named after
-joints, they are the only evidence.
+In a tree of joints, the chains between named joints tell the others. In a list without a tree, such as markers named
+after joints, names are the only evidence.
 """
 
 from __future__ import annotations
@@ -29,11 +29,13 @@ _HELPERS, _ENDS, _ANIMALS, _LEFT, _RIGHT, _SILENT = (
     frozenset(_TABLE[kind]) for kind in ("helpers", "ends", "animals", "left", "right", "silent")
 )
 _KNOWN = frozenset((*PARTS, *_PHALANGES, *_ORDINALS)) | _HELPERS | _ENDS | _ANIMALS | _LEFT | _RIGHT
+_WORDS = _KNOWN | _SILENT  # into which a word without a change of case is divided
 _LONGEST = max(map(len, _KNOWN))
 _VERTEBRAE = frozenset(("l5", "l3", "t12", "t8"))  # whole names in Xsens files
 
 _SPLIT = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+|[^\W\d_a-zA-Z]+")
 _NAMESPACE = re.compile(r"^.*[:|]")  # mixamorig7:, Armature|
+_SHORT_FORM = re.compile(r"\[[^\]]*\]")  # NPC L Thigh [LThg]
 _ACCENT = re.compile("[\u0300-\u036f]")
 
 ARMS = tuple(f"{side}_{part}" for side in ("left", "right") for part in ("shoulder", "elbow", "wrist"))
@@ -70,7 +72,7 @@ def family_of(names: Sequence[str]) -> str | None:
 @lru_cache(maxsize=4096)
 def words(name: str) -> tuple[str, ...]:
     """Return the longest known words of a name, in lower case: 'mixamorig:LeftUpLeg' is left, upleg."""
-    name = unicodedata.normalize("NFKD", _NAMESPACE.sub("", name))
+    name = unicodedata.normalize("NFKD", _SHORT_FORM.sub("", _NAMESPACE.sub("", name)))
     name = unicodedata.normalize("NFC", _ACCENT.sub("", name))
     if name.lower() in _VERTEBRAE:
         return (name.lower(),)
@@ -85,12 +87,12 @@ def words(name: str) -> tuple[str, ...]:
 
 
 def _split_word(word: str) -> list[str]:
-    """Split a word into known words, or return [] if impossible: 'lhip' is l, hip; 'handthumb' hand, thumb."""
+    """Split a word into known words, or return [] if impossible: 'lhip' is l, hip; 'mhip' m, hip."""
     if not word or len(word) > 2 * _LONGEST:
         return []
     for cut in range(len(word), 0, -1):
         head, tail = word[:cut], word[cut:]
-        if head in _KNOWN and (cut > 1 or len(tail) > 1 or not word.isascii()):
+        if head in _WORDS and (cut > 1 or len(tail) > 1 or not word.isascii()):
             if not tail:
                 return [head]
             if rest := _split_word(tail):
@@ -111,16 +113,11 @@ def parts(name: str) -> frozenset[str]:
     return frozenset()
 
 
-def every_part(name: str) -> set[str]:
-    """Return the parts that any word of a name may mean: elbow and wrist of 'forearm_hand'."""
-    return {part for word in words(name) for part in PARTS.get(word, ())}
-
-
 def part_word(name: str) -> str:
-    """Return the word of a name that means a part: a finger's, or else the longest, of two the last; or ''."""
+    """Return the word of a name that means a part: a finger's, or else the last: the wrist of 'forearm_hand'; or ''."""
     known = [word for word in words(name) if word in PARTS]
     fingers = [word for word in known if PARTS[word][0] in FINGERS] or [word for word in known if word == "finger"]
-    return fingers[-1] if fingers else max(reversed(known), key=len, default="")
+    return fingers[-1] if fingers else known[-1] if known else ""
 
 
 @lru_cache(maxsize=4096)
@@ -143,21 +140,6 @@ def side_of(name: str) -> str:
     """Return 'left' or 'right' from a name; '' if it names neither, or both."""
     left, right = (not side.isdisjoint(words(name)) for side in (_LEFT, _RIGHT))
     return "" if left == right else "left" if left else "right"
-
-
-def first_is_left(one: Sequence[str], other: Sequence[str]) -> int:
-    """Return 1 if the first of two mirrored chains of names is left, -1 if it is right, 0 if unknown."""
-    votes = sum(_is_left(a, b) for a, b in zip(one, other, strict=False))
-    return (votes > 0) - (votes < 0)
-
-
-def _is_left(a: str, b: str) -> int:
-    """Return the sign of `first_is_left` for two names, by a word of each or by their first different letter."""
-    for left, right, sign in ((a, b, 1), (b, a, -1)):
-        if a != b and _LEFT & set(words(left)) and _RIGHT & set(words(right)):
-            return sign
-    differing = next(((x.lower(), y.lower()) for x, y in zip(a, b, strict=False) if x != y), None)
-    return {("l", "r"): 1, ("r", "l"): -1}.get(differing or ("", ""), 0)
 
 
 # --- lists of names ---

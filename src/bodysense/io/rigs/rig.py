@@ -21,8 +21,9 @@ from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import parts_lacking
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
-from bodysense.io.rigs.body import WORST, Body, named_body
-from bodysense.io.rigs.figure import Figure, Tree, measured, usual_length
+from bodysense.io.rigs.body import WORST
+from bodysense.io.rigs.figure import Figure, measured, usual_length
+from bodysense.io.rigs.halves import find_body
 from bodysense.io.rigs.names import ARMS, LEGS, family_of
 from bodysense.observing.world import HABIT, REST_POSE, clearance_of, doubts, judged_up, moments, told_warning
 from bodysense.observing.world_axes import TURNS, UpAxis
@@ -144,7 +145,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND, format_up: UpA
     try:
         if options.joints is None:
             found = find_body(tree)
-            points, penalty, remarks = found.points, found.penalty, found.remarks
+            points, penalty, remarks = found.points, found.penalty, ()
         else:
             points, penalty, remarks = _mapped(options.joints, figure.points), 0.0, ("joints as given",)
     except BodysenseError as error:
@@ -179,15 +180,6 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND, format_up: UpA
         notes=remarks,
         warnings=tuple(warnings),
     )
-
-
-def find_body(tree: Tree) -> Body:
-    """Return the body in a tree, by names, else by structure. Raises BodysenseError if there is no body."""
-    if (body := named_body(tree)) is not None:
-        return body
-    from bodysense.io.rigs.structure import searched_body
-
-    return searched_body(tree)
 
 
 # --- joint maps ---

@@ -43,7 +43,8 @@ def generate(
 
     check_place(out)
     if out.suffix.lower() not in (".bvh", ".png"):
-        raise BodysenseError(f"{out}: the output ends in {out.suffix or 'nothing'!r}; valid are .png and .bvh")
+        found = f"ends in {out.suffix!r}" if out.suffix else "has no ending"
+        raise BodysenseError(f"{out}: the output {found}; valid are .png and .bvh")
     body = ReadingOptions(height=height)
     skeleton = default_skeleton() if body.height is None else default_skeleton().scaled(body.height)
     pose = sample_prior(skeleton, load_body_vae(network), count, np.random.default_rng(seed))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from typing import TypeVar
+from pathlib import Path
+from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import Progress
@@ -63,3 +65,8 @@ def _progress_line(what: str, reached: int, total: int | None, seconds: float) -
     if total is None:
         return count
     return f"{count}, {timedelta(seconds=round(max(0, total - reached) * seconds / reached))} remaining"
+
+
+def read_log(path: Path) -> list[dict[str, Any]]:
+    """Return the lines of a training's log; none if there is no file."""
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()] if path.is_file() else []

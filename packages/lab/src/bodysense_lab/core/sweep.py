@@ -15,6 +15,7 @@ from bodysense.errors import BodysenseError
 from bodysense.parallel import worker_pool
 from bodysense_lab.core.checkpoint import identity_differences
 from bodysense_lab.core.fit import Progress, Report, progress_line, progress_printer
+from bodysense_lab.core.progress import read_log
 
 # Train the network of a name, and call a report with its progress. Returns a line about the result.
 Train = Callable[[str, Report], str]
@@ -87,6 +88,5 @@ def discard_progress(progress: Progress) -> None:
 
 def _logged_step(logs: Path, name: str, steps: int) -> int:
     """Return the step of the last line of a log."""
-    log = logs / f"{name}.jsonl"
-    lines = log.read_text(encoding="utf-8").splitlines() if log.is_file() else []
-    return min(steps, json.loads(lines[-1])["step"]) if lines else 0
+    lines = read_log(logs / f"{name}.jsonl")
+    return min(steps, lines[-1]["step"]) if lines else 0

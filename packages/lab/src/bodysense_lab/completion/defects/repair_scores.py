@@ -32,11 +32,9 @@ class RepairScores:
     slid: list[float] = field(default_factory=list)  # m/s of feet whose slides were repaired
 
 
-def score_repair(
-    clips: Iterable[Clip], seed: int = 1, advance: Callable[[Clip], None] = lambda clip: None
-) -> RepairScores:
+def score_repair(clips: Iterable[Clip], advance: Callable[[Clip], None] = lambda clip: None) -> RepairScores:
     """Make a defect of each kind in every clip, and count what is found, wrongly found and repaired."""
-    rng, scores = np.random.default_rng(seed), RepairScores()
+    rng, scores = np.random.default_rng(1), RepairScores()
     for clip in clips:
         if clip.seconds >= SHORTEST:
             at_rate = resample(clip, RATE)
@@ -51,7 +49,7 @@ def _score_clip(clip: Clip, rng: np.random.Generator, scores: RepairScores) -> N
     clean = find_defects(clip.pose, clip.frame_rate)
     scores.frames += len(clip)
     for kind in (*KINDS, "any"):
-        scores.flagged[kind] += int(_frames(clip, [one for one in clean if kind in ("any", one.kind)]).sum())
+        scores.flagged[kind] += int(_flagged(len(clip), [one for one in clean if kind in ("any", one.kind)]).sum())
     for kind, make in MAKERS.items():
         made = make(clip, rng)
         if made is None:
@@ -80,17 +78,13 @@ def _carried(clip: Clip, made: MadeDefect) -> list[str]:
     for point, parent in enumerate(skeleton.parents):
         if parent in found:
             found.add(point)
-    return [skeleton.points[k] for k in sorted(found) if k < 22 and k not in _tops(clip, made)]
+    tops = {joint for joint in wrong if skeleton.parents[joint] not in wrong}  # they turn, but do not move
+    return [skeleton.points[k] for k in sorted(found - tops) if k < 22]
 
 
-def _tops(clip: Clip, made: MadeDefect) -> set[int]:
-    """Return the uppermost wrong joints, which turn but do not move."""
-    wrong = set(clip.pose.skeleton.indices(made.joints))
-    return {joint for joint in wrong if clip.pose.skeleton.parents[joint] not in wrong}
-
-
-def _frames(clip: Clip, defects: Iterable[Defect]) -> np.ndarray:
-    flagged = np.zeros(len(clip), dtype=bool)
+def _flagged(frames: int, defects: Iterable[Defect]) -> np.ndarray:
+    """Return (frames,) bool: a defect covers the frame."""
+    flagged = np.zeros(frames, dtype=bool)
     for defect in defects:
         flagged[defect.first : defect.last + 1] = True
     return flagged
@@ -98,11 +92,8 @@ def _frames(clip: Clip, defects: Iterable[Defect]) -> np.ndarray:
 
 def is_found(made: MadeDefect, defects: Iterable[Defect]) -> bool:
     """Whether defects cover at least half of a made one, in one of its joints."""
-    frames = np.zeros(made.last + 1, dtype=bool)
-    for defect in defects:
-        if defect.kind == made.kind and defect.joint in made.joints:
-            frames[defect.first : defect.last + 1] = True
-    return bool(frames[made.first : made.last + 1].mean() >= 0.5)
+    right = [defect for defect in defects if defect.kind == made.kind and defect.joint in made.joints]
+    return bool(_flagged(made.last + 1, right)[made.first :].mean() >= 0.5)
 
 
 def repair_report(scores: RepairScores, name: str) -> Report:

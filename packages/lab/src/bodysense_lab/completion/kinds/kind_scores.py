@@ -63,9 +63,9 @@ class KindJob:
     loses: str = ""  # of `LOSSES`: what the head loses for a second at a time
 
 
-def kind_jobs(members: int, seed: int = _SEED) -> list[KindJob]:
+def kind_jobs(members: int) -> list[KindJob]:
     """Return the cells of the table: named sets, `members` random sets of each family, and a head that is lost."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(_SEED)
     rows: dict[str, tuple[SensorSet, ...]] = {name: (sensors,) for name, sensors in ROWS.items()}
     for family in FAMILIES if members else ():
         ranges = replace(TEST_SIGNALS, shares={family: 1.0})
@@ -147,14 +147,10 @@ def kind_numbers(scores: Mapping[tuple[str, str], KindScore], edges: Sequence[Ed
 
 
 def kind_report(
-    scores: Mapping[tuple[str, str], KindScore],
-    edges: Sequence[EdgeScore],
-    data: str,
-    clips: int,
-    more: Mapping[str, float] = {},
+    scores: Mapping[tuple[str, str], KindScore], edges: Sequence[EdgeScore], data: str, clips: int
 ) -> Report:
     """Return the table of kinds. `data` names the motion, `clips` is the number of scenes."""
-    numbers = kind_numbers(scores, edges) | {"clips": float(clips)} | dict(more)
+    numbers = kind_numbers(scores, edges) | {"clips": float(clips)}
     rows = []
     for row in dict.fromkeys(row for row, _ in scores):
         values: list[Cell] = []

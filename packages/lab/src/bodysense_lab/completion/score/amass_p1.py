@@ -8,7 +8,6 @@ of a clip, then over clips, with the predicted head moved to the true one.
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -24,7 +23,7 @@ from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_exp, quaternion_log
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import Source
-from bodysense.io.datasets.splits import Split
+from bodysense.io.datasets.splits import Split, hash_share
 from bodysense.io.formats.amass import read_amass
 from bodysense.io.formats.body_model import read_model
 from bodysense.io.placement import apply_placement, footing_of, placement_of
@@ -86,7 +85,7 @@ def listed_sources(directory: Path, lists: Path) -> tuple[list[Source], int]:
                 path_in_set = _path_in_set(line, name)
                 path = files.get((name, *_normalized_path(path_in_set)))
                 if path is not None:
-                    is_validation = split == "train" and _hash_fraction(path_in_set.as_posix()) < VALIDATION_SHARE
+                    is_validation = split == "train" and hash_share(path_in_set.as_posix()) < VALIDATION_SHARE
                     person = f"{name}_{path_in_set.parts[0]}"
                     sources.append(Source(path, person, "val" if is_validation else split))
                 elif path_in_set.name != "shape.npz":  # it contains a body's shape, no motion
@@ -123,10 +122,6 @@ def _path_in_set(line: str, name: str) -> PurePosixPath:
 def _normalized_path(path: Path | PurePosixPath) -> tuple[str, ...]:
     plain = [re.sub(r"[\W_]", "", part.lower()) for part in path.with_suffix("").parts]
     return (*plain[:-1], _NAME_ENDING.sub("", plain[-1]))
-
-
-def _hash_fraction(name: str) -> float:
-    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big") / 2**64
 
 
 def read_clip(source: Source, model: Path | None) -> Clip:

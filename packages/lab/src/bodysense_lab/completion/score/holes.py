@@ -63,7 +63,6 @@ METHODS = (OURS, *OTHERS)
 
 def score_holes(
     clips: Iterable[Clip],
-    seed: int = 1,
     parts: Sequence[str] = tuple(PARTS),
     advance: Callable[[Clip], None] = lambda clip: None,
 ) -> Tallies:
@@ -71,7 +70,7 @@ def score_holes(
 
     Returns one error for each gap, the mean of the part's points in cm, under (part, seconds, method).
     """
-    rng, found = np.random.default_rng(seed), Tallies()
+    rng, found = np.random.default_rng(1), Tallies()
     for clip in clips:
         at_rate = resample(clip, RATE)
         for part, seconds, begin in _draw_gaps(at_rate, parts, rng):

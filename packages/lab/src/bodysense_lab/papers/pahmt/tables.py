@@ -5,7 +5,6 @@ All networks are scored on equal windows, cameras and errors of the detector.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -20,6 +19,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.core.chart import BarPanel, Line, LinePanel, plain_bars
+from bodysense_lab.core.progress import read_log
 from bodysense_lab.core.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.core.table import Cell, Report, bound_cells, cell, finite, ordering
 from bodysense_lab.core.tallies import Tallies
@@ -61,11 +61,12 @@ class ScoredRow:
 def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
     """Return the table's networks in a folder, and one more. Raises BodysenseError if there are no networks."""
     shipped = None if model is None else read_arms(model)[0]
-    found = [
-        ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0], learned=_learned(folder / f"{name}.jsonl"))
-        for name, row in TABLE_1.items()
-        if (folder / f"{name}.pt").is_file()
-    ]
+    found = []
+    for name, row in TABLE_1.items():
+        if (folder / f"{name}.pt").is_file():
+            log = read_log(folder / f"{name}.jsonl")
+            learned = tuple({"step": line["step"], **line["validation"]} for line in log)
+            found.append(ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0], learned=learned))
     if not found:
         raise BodysenseError(
             f"{folder}: none of the table's networks in it; train them with `bodysense train arms-table` into it"
@@ -75,14 +76,6 @@ def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
         row = TableRow(f"{shipped.config.kind.upper()}, {model.stem}", shipped.config.kind, shipped.config.input)
         found.append(ScoredRow("shipped", row, shipped))
     return found
-
-
-def _learned(log: Path) -> tuple[Mapping[str, float], ...]:
-    """Return the validation entries of a training's log; empty without a log."""
-    if not log.is_file():
-        return ()
-    lines = (json.loads(line) for line in log.read_text(encoding="utf-8").splitlines())
-    return tuple({"step": line["step"], **line["validation"]} for line in lines)
 
 
 def score_arms(

@@ -74,7 +74,10 @@ class MarkerNetwork(nn.Module):
     def raw(self, markers: Tensor, hand: Tensor) -> Tensor:
         """Return the inputs before scaling."""
         config = self.config
-        seen = _with_mask(markers) if config.reads_mask else markers
+        seen = markers
+        if config.reads_mask:  # markers (..., 27), and which of them are known (..., 9)
+            known = markers.unflatten(-1, (len(MARKERS), 3)).abs().sum(dim=-1) > 0
+            seen = torch.cat([markers, known.to(markers.dtype)], dim=-1)
         return torch.cat([seen, _with_flag(hand)], dim=-1) if config.reads_hand else seen
 
     def features(self, markers: Tensor, hand: Tensor) -> Tensor:
@@ -123,12 +126,6 @@ def typical_hand() -> tuple[Tensor, Tensor]:
     flat = template(hand.glove, hand.skeleton)
     shape = np.concatenate([hand.skeleton.rest_offset[1:].ravel(), flat.ravel()])
     return torch.tensor(flat, dtype=torch.float32), torch.tensor(shape, dtype=torch.float32)
-
-
-def _with_mask(markers: Tensor) -> Tensor:
-    """Markers (..., 27) and which of them are known (..., 9): (..., 36)."""
-    known = markers.unflatten(-1, (len(MARKERS), 3)).abs().sum(dim=-1) > 0
-    return torch.cat([markers, known.to(markers.dtype)], dim=-1)
 
 
 def _with_flag(hand: Tensor) -> Tensor:

@@ -99,12 +99,10 @@ def _bump(share: np.ndarray) -> np.ndarray:
     return 64 * (s * (1 - s)) ** 3
 
 
-def waves(
-    time: np.ndarray, count: int, slowest: float, fastest: float, rng: np.random.Generator, terms: int = 5
-) -> np.ndarray:
-    """Return smooth noise (T, count) of standard deviation 1 from sines between two frequencies, Hz."""
-    frequency = np.exp(rng.uniform(np.log(slowest), np.log(fastest), (terms, count)))
+def waves(time: np.ndarray, count: int, slowest: float, fastest: float, rng: np.random.Generator) -> np.ndarray:
+    """Return smooth noise (T, count) of standard deviation 1 from five sines between two frequencies, Hz."""
+    frequency = np.exp(rng.uniform(np.log(slowest), np.log(fastest), (5, count)))
     amplitude = np.sqrt(slowest / frequency)
     amplitude *= np.sqrt(2.0 / (amplitude**2).sum(axis=0))
-    phase = rng.uniform(0, 2 * np.pi, (terms, count))
+    phase = rng.uniform(0, 2 * np.pi, (5, count))
     return (amplitude * np.sin(2 * np.pi * frequency * time[:, None, None] + phase)).sum(axis=1)

@@ -22,18 +22,18 @@ def change_arms(script: Script, kinds: tuple = arm_postures.EVERYDAY, share: flo
         take_arms(script, kind(script.draw), script.clock, script.duration(0.6, 1.4))
 
 
-def glance(script: Script, begin: float, end: float, *, widest: float = 55.0) -> None:
+def glance(script: Script, begin: float, end: float) -> None:
     """Look about between two times, s."""
     draw, now = script.draw, begin
     while now < end:
         now += draw.between(0.4, 3.0)
         takes = draw.between(0.3, 0.9)
-        yaw = draw.between(-widest, widest) * draw.between(0.1, 1.0)
+        yaw = draw.between(-55, 55) * draw.between(0.1, 1.0)
         script.moves.to(now, now + takes, gaze_yaw=yaw, gaze_pitch=draw.between(-12, 28))
         now += takes
 
 
-def square_feet(script: Script, shift: float = 0.5) -> None:
+def square_feet(script: Script) -> None:
     """Put both feet side by side under the body if they are not."""
     for side in (0, 1):
         wanted = foot_place(script, side)
@@ -41,7 +41,7 @@ def square_feet(script: Script, shift: float = 0.5) -> None:
         turned = abs((script.moves.value[f"{SIDES[side]}_foot_yaw"] - foot_yaw(script, side) + 180) % 360 - 180)
         if np.hypot(wanted[0] - now[0], wanted[1] - now[1]) > 0.05 or turned > 25:
             begin = script.clock + 0.25
-            script.step(side, wanted, foot_yaw(script, side), begin, script.duration(0.35, 0.5), lift=0.05, shift=shift)
+            script.step(side, wanted, foot_yaw(script, side), begin, script.duration(0.35, 0.5), lift=0.05, shift=0.5)
 
 
 def foot_place(script: Script, side: int, left: float = 0.0, ahead: float = 0.0) -> tuple[float, float]:

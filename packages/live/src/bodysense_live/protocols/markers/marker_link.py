@@ -128,7 +128,7 @@ class MarkerLink:
         async with asyncio.timeout(SILENCE):
             reader, writer = await asyncio.open_connection(self._address, self._server.port, limit=_CHUNK)
         try:
-            _set_no_delay(writer)
+            writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             conversation: Conversation = _STREAMS[self._server.protocol]()
             writer.writelines(conversation.begin())
             while True:
@@ -263,7 +263,3 @@ class MarkerLink:
 
 
 _STREAMS: dict[str, Callable[[], Conversation]] = {"qtm": qtm.QtmConversation, "vicon": vicon.ViconConversation}
-
-
-def _set_no_delay(writer: asyncio.StreamWriter) -> None:
-    writer.get_extra_info("socket").setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -61,9 +61,9 @@ def read_bundle(packet: bytes) -> Requests | str:
         return f"{len(packet)} bytes are not a bundle of SolarXR"
 
 
-def entries(entry: Callable[[int], Any], length: int, most: int = MAX_MESSAGES) -> Iterator[Any]:
-    """Yield the first tables of a vector. Raises IndexError for a table out of bounds."""
-    for k in range(min(length, most)):
+def entries(entry: Callable[[int], Any], length: int) -> Iterator[Any]:
+    """Yield the first `MAX_MESSAGES` tables of a vector. Raises IndexError for a table out of bounds."""
+    for k in range(min(length, MAX_MESSAGES)):
         found = entry(k)
         if not 0 <= found._tab.Pos < len(found._tab.Bytes):
             raise IndexError("a table is out of bounds")

@@ -14,9 +14,9 @@ from bodysense_lab.completion.data.postures.postures import KINDS, apply_posture
 _MOSTLY = 0.7  # smallest share of a clip in which its person stands
 
 
-def posture_clips(clips: Iterable[Clip], seed: int = 9) -> Iterator[Clip]:
+def posture_clips(clips: Iterable[Clip]) -> Iterator[Clip]:
     """Yield a changed copy of each clip whose person mostly stands; the postures alternate."""
-    rng, kinds, turn = np.random.default_rng(seed), [kind for kind in KINDS if kind != "standing"], 0
+    rng, kinds, turn = np.random.default_rng(9), [kind for kind in KINDS if kind != "standing"], 0
     for clip in clips:
         root, rest = clip.pose.root_position, clip.pose.skeleton.rest_offset
         if len(clip) < 2 or is_standing(root, float(rest[0, 1]), clip.frame_rate).mean() < _MOSTLY:

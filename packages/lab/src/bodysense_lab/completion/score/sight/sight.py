@@ -136,11 +136,11 @@ def walking_frames(pelvis: np.ndarray, rate: float) -> np.ndarray:
     return distance * rate >= WALKING * np.maximum(after - before, 1)
 
 
-def still_spans(foot: np.ndarray, rate: float, shortest: float = 0.1) -> list[tuple[int, int]]:
-    """Return spans [start, end) of frames in which a foot (T, 3) m stands: slow along the floor for `shortest` s."""
+def still_spans(foot: np.ndarray, rate: float) -> list[tuple[int, int]]:
+    """Return spans [start, end) of frames in which a foot (T, 3) m stands: slow along the floor for 0.1 s."""
     speed = vector_length(np.diff(foot[:, [0, 2]], axis=0)) * rate
     slow = np.concatenate([speed[:1], speed]) < STILL
-    return [(start, end) for start, end in runs(slow) if end - start >= shortest * rate]
+    return [(start, end) for start, end in runs(slow) if end - start >= 0.1 * rate]
 
 
 def false_steps(feet: np.ndarray, truth: np.ndarray, rate: float) -> int:

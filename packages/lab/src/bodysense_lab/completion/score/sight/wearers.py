@@ -119,10 +119,10 @@ def with_hands(path: HeadPath, palms: Palms, skeleton: Skeleton) -> Observation:
     )
 
 
-def standing_head(skeleton: Skeleton, lowered: float, seconds: float = 4.0) -> HeadPath:
+def standing_head(skeleton: Skeleton, lowered: float) -> HeadPath:
     """Return a still head, 3 cm ahead of its position in the rest pose and lowered by `lowered` metres."""
     place = (skeleton.path @ skeleton.rest_offset)[skeleton.index("head")] + [0.0, skeleton.rest_offset[0, 1], 0.03]
-    count = round(seconds * RATE)
+    count = round(4.0 * RATE)
     position = np.tile(place - [0.0, lowered, 0.0], (count, 1))
     return HeadPath("standing", position, np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)))
 
@@ -153,16 +153,15 @@ def seated(skeleton: Skeleton, seconds: float = 15.0) -> Pose:
     return Pose(skeleton, root, rotation)
 
 
-def arms_raised(skeleton: Skeleton, way: RaiseDirection, elevation: float = 75.0, seconds: float = 6.0) -> Pose:
+def arms_raised(skeleton: Skeleton, way: RaiseDirection) -> Pose:
     """Return a pose sequence of a standing wearer who raises the arms over the shoulders.
 
-    The arms are low in front for 2 s, then rise within 0.7 s, in front of the body or at its sides, to `elevation`
-    degrees.
+    The arms are low in front for 2 s, then rise within 0.7 s, in front of the body or at its sides, to 75°, until 6 s.
     """
-    time = np.arange(round(seconds * RATE)) / RATE
+    time = np.arange(round(6.0 * RATE)) / RATE
     share = np.clip((time - 2.0) / 0.7, 0, 1)
     share = share**3 * (10 - 15 * share + 6 * share**2)
-    up = quaternion_exp(-np.radians(-35 + (elevation + 35) * share)[:, None] * [1.0, 0.0, 0.0])
+    up = quaternion_exp(-np.radians(-35 + 110 * share)[:, None] * [1.0, 0.0, 0.0])
     out = np.radians(80) * np.sin(np.pi * share) if way == "sideways" else np.zeros(len(time))
     pose = standing_pose(skeleton)
     rotation = np.tile(pose.rotation, (len(time), 1, 1))

@@ -50,7 +50,13 @@ def identity_of(data: DataSet, stride: int, file: Path | None, settings: str = "
 
 def write_scores(path: Path, scores: Scores, identity: Mapping[str, Any]) -> None:
     """Write scores with what they depend on."""
-    tallies = {"/".join(key): _sums(tally) for key, tally in scores.tallies.items()}
+    tallies = {
+        "/".join(key): {
+            "all": [tally.count, tally.total, tally.squared],
+            "people": {person: [one.count, one.total, one.squared] for person, one in tally.people.items()},
+        }
+        for key, tally in scores.tallies.items()
+    }
     census = asdict(scores.census) | {"people": sorted(scores.census.people)}
     write_json(path, {"identity": identity, "census": census, "tallies": tallies})
 
@@ -69,11 +75,6 @@ def read_scores(path: Path, identity: Mapping[str, Any]) -> Scores | None:
         return Scores(tallies, Census(**kept["census"] | {"people": frozenset(kept["census"]["people"])}))
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-def _sums(tally: Tally) -> dict[str, Any]:
-    people = {person: [one.count, one.total, one.squared] for person, one in tally.people.items()}
-    return {"all": [tally.count, tally.total, tally.squared], "people": people}
 
 
 def better_last_known(scores: Mapping[str, Scores]) -> str:
