@@ -8,6 +8,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
 CORE = Path(__file__).parents[2] / "core"
 NAMES = re.findall(r'(?:begins\(|\{)"([a-z_]+)", ', (CORE / "test" / "test.c").read_text("utf-8"))
@@ -20,9 +21,12 @@ process.exitCode = wasi.start(instance);
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    build = tmp_path_factory.mktemp("core")
-    subprocess.run(["make", "-s", "-C", CORE, build / "test", f"BUILD={build}"], check=True)
+def program(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The compiled tests, kept between runs: `make` compiles them again if a source has changed."""
+    kept = getattr(request.config, "cache", None)  # none with `-p no:cacheprovider`
+    build = tmp_path_factory.mktemp("core") if kept is None else kept.mkdir("core")
+    with FileLock(build / "lock"):  # of runs at the same time
+        subprocess.run(["make", "-s", "-C", CORE, build / "test", f"BUILD={build}"], check=True)
     return build / "test"
 
 

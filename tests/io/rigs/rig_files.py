@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
+from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.io.rigs.figure import Figure
@@ -19,9 +23,11 @@ from bodysense.io.rigs.rig import recognise
 
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 OURS = default_skeleton()
+Case = str | tuple[str, ...]  # a rig, or a rig and a change
 Bones = list[tuple[str, str, str]]  # name, parent's name or '-', where it is on our body
 
 
+@cache
 def motion(frames: int = 40, step: int = 16, start: int = 0) -> Clip:
     """Some frames of the packaged performance: standing, gestures, sitting down, steps."""
     clip = packaged_performance()
@@ -52,6 +58,32 @@ def bones_of(text: str, left: str, right: str, fingers: str = "", hand: str = "*
                 above = name.replace("*", word)
             bones.append(("End Site", above, f"{side}{finger}_tip"))
     return bones
+
+
+def for_each(usual: Iterable[Case], others: Iterable[Case]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Decorate a check of one case: the test does all usual ones, and as a slow test all others.
+
+    All cases that fail are reported.
+    """
+    slow = pytest.param([*others], marks=pytest.mark.slow, id="others")
+
+    def decorate(check: Callable[..., None]) -> Callable[..., None]:
+        @pytest.mark.parametrize("cases", [pytest.param([*usual], id="usual"), slow])
+        def test(cases: list[Case]) -> None:
+            errors: list[Exception] = []
+            for case in cases:
+                try:
+                    check(*(case if isinstance(case, tuple) else (case,)))
+                except (AssertionError, BodysenseError) as error:
+                    error.add_note(f"case: {case}")
+                    errors.append(error)
+            if errors:
+                raise ExceptionGroup(f"{len(errors)} of {len(cases)} cases", errors)
+
+        test.__doc__ = check.__doc__
+        return test
+
+    return decorate
 
 
 @dataclass(frozen=True)
@@ -143,6 +175,7 @@ def write(layout: Layout, clip: Clip, *, turn: Rotation | None = None, shift: fl
         if layout.rest == "along y" and not below:
             frames[name] = Rotation.identity()
 
+    @cache
     def pose_of(name: str) -> tuple[np.ndarray, Rotation]:
         """Place (T, 3) and rotation of a joint in the file's world."""
         carrier, at = spots[name]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from further_layouts import FURTHER
 from more_layouts import MORE
-from rig_files import Bones, Layout, held_still, mapped, motion, write
+from rig_files import Bones, Layout, for_each, held_still, mapped, motion, write
 from rig_layouts import LAYOUTS
 from test_rigs import NEEDED, of, unit_of, worst
 
@@ -96,26 +96,27 @@ def check(layout: Layout, clip: Clip) -> None:
     assert np.linalg.norm(there - truth, axis=-1).max() < 2e-3, rigged.rig.line()
 
 
-def cases(names: list[str]) -> list:
-    return [pytest.param(name, marks=[] if name in USUAL else pytest.mark.slow) for name in names]
+OTHERS = [name for name in EVERY if name not in USUAL]
 
 
-def odd_cases() -> list:
-    """Every oddity of usual rigs, and one oddity of each other rig, in turn."""
-    others = [name for name in EVERY if name not in USUAL and "pelvis" not in EVERY[name].lacks]
-    turns = zip(others, itertools.cycle(ODD), strict=False)
-    return [*itertools.product(USUAL, ODD), *(pytest.param(*turn, marks=pytest.mark.slow) for turn in turns)]
+def odd_cases() -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
+    """Return every oddity of usual rigs, and one oddity of each other rig, in turn."""
+    whole = (name for name in OTHERS if "pelvis" not in EVERY[name].lacks)
+    turns = zip(whole, itertools.cycle(ODD), strict=False)
+    return [case for case in itertools.product(USUAL, ODD) if can_be(*case)], [turn for turn in turns if can_be(*turn)]
 
 
-@pytest.mark.parametrize(("name", "odd"), odd_cases())
+def can_be(name: str, odd: str) -> bool:
+    """Return whether the rig has what an oddity hangs on."""
+    return odd != "dressed" or {"right_wrist", "head"} <= mapped(EVERY[name]).keys()
+
+
+@for_each(*odd_cases())
 def test_odd_files_are_read(name: str, odd: str) -> None:
-    layout = EVERY[name]
-    if odd == "dressed" and not {"right_wrist", "head"} <= mapped(layout).keys():
-        pytest.skip("nothing to hang it on")
-    check(ODD[odd](layout), motion(10, 60))
+    check(ODD[odd](EVERY[name]), motion(10, 60))
 
 
-@pytest.mark.parametrize("name", cases(list(EVERY)))
+@for_each(USUAL, OTHERS)
 def test_a_body_that_sits_is_read(name: str) -> None:
     check(EVERY[name], seated())
 
@@ -141,7 +142,7 @@ def test_bodies_of_other_shapes_are_read(name: str, factors: dict[str, float]) -
     check(EVERY[name], of_shape(motion(10, 60), **factors))
 
 
-@pytest.mark.parametrize("name", cases(list(EVERY)))
+@for_each(USUAL, OTHERS)
 def test_one_frame_is_read(name: str) -> None:
     check(EVERY[name], standing())
 

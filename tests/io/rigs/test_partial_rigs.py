@@ -6,12 +6,13 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from partial_layouts import EVERY, PARTIAL, flat, lower_half, scattered, upper_half, without, write_places
-from rig_files import Bones, Layout, held_still, mapped, motion, read_plainly, write
+from rig_files import Bones, Layout, for_each, held_still, mapped, motion, read_plainly, write
 from test_odd_rigs import seated
 from test_rigs import beast, of, swinging, unit_of
 
@@ -27,7 +28,6 @@ OTHERS = (
     *("CMU, metres", "Bandai-Namco", "SMPL-X", "VRoid", "100STYLE", "Xsens MVN", "ACCAD", "Rokoko", "Unity"),
     *("MikuMikuDance", "Kinect Azure", "Character Creator", "Ready Player Me", "HumanIK"),
 )
-NAMES = [*USUAL, *(pytest.param(name, marks=pytest.mark.slow) for name in OTHERS)]
 
 
 def places(clip: Clip) -> np.ndarray:
@@ -48,8 +48,7 @@ def check(rigged: Rigged, text: str, layout: Layout, clip: Clip) -> None:
         assert np.linalg.norm(found - truth, axis=-1).max() < 1e-3, (name, rigged.rig.line())
 
 
-@pytest.mark.parametrize("what", PARTIAL)
-@pytest.mark.parametrize("name", NAMES)
+@for_each(product(USUAL, PARTIAL), product(OTHERS, PARTIAL))
 def test_partial_bodies_are_read(name: str, what: str) -> None:
     change, message = PARTIAL[what]
     layout = change(EVERY[name])
@@ -61,13 +60,13 @@ def test_partial_bodies_are_read(name: str, what: str) -> None:
     check(rigged, text, layout, clip)
 
 
-@pytest.mark.parametrize("on_root", [False, True])
-@pytest.mark.parametrize("name", NAMES)
-def test_joints_that_only_have_places(name: str, on_root: bool) -> None:
+@for_each(USUAL, OTHERS)
+def test_joints_that_only_have_places(name: str) -> None:
     layout = EVERY[name]
     clip = held_still(motion(10, 60), layout)
-    text = write_places(layout, clip, on_root=on_root)
-    check(of(text, **unit_of(layout)), text, layout, clip)
+    for on_root in (False, True):
+        text = write_places(layout, clip, on_root=on_root)
+        check(of(text, **unit_of(layout)), text, layout, clip)
 
 
 def test_a_flat_tree_of_no_known_names_is_read_with_a_table(tmp_path: Path) -> None:

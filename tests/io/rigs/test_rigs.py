@@ -13,7 +13,7 @@ from further_layouts import FURTHER
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from more_layouts import MORE
-from rig_files import Bones, Layout, held_still, mapped, motion, of_other_size, read_plainly, write
+from rig_files import Bones, Layout, for_each, held_still, mapped, motion, of_other_size, read_plainly, write
 from rig_layouts import LAYOUTS
 from scipy.spatial.transform import Rotation
 
@@ -29,9 +29,10 @@ NEEDED = ["pelvis", "head"] + [
 ]
 
 
-def every(step: int, names: Sequence[str]) -> list[object]:
-    """Return names of layouts as parameters; all but each `step`-th one are slow."""
-    return [pytest.param(name, marks=[pytest.mark.slow] if k % step else []) for k, name in enumerate(names)]
+def every(step: int, names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return each `step`-th layout, and all others."""
+    usual = list(names[::step])
+    return usual, [name for name in names if name not in usual]
 
 
 def of(text: str, name: str = "take.bvh", **options) -> Rigged:
@@ -47,7 +48,7 @@ def worst(rigged: Rigged, clip: Clip, layout: Layout) -> float:
     return float(np.linalg.norm(found - forward_kinematics(clip.pose)[0][:, ours], axis=-1).max())
 
 
-@pytest.mark.parametrize("name", every(3, list(EVERY)))
+@for_each(*every(3, list(EVERY)))
 def test_a_rig_is_read_without_options(name: str) -> None:
     layout = EVERY[name]
     clip = held_still(motion(10, 60), layout)
@@ -81,7 +82,7 @@ WORLDS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", every(4, [*LAYOUTS, *list(MORE | FURTHER)[::3]]))
+@for_each(*every(4, [*LAYOUTS, *list(MORE | FURTHER)[::3]]))
 def test_wrong_worlds_are_corrected_or_refused(name: str) -> None:
     layout = EVERY[name]
     clip = held_still(motion(12, 50), layout)

@@ -31,13 +31,13 @@ def test_clips_are_counted_by_split(folder: Path) -> None:
         count_clips(folder / "none")
 
 
-@pytest.mark.parametrize("at_most", [1, 3, 20])
-def test_samples_are_spread_evenly(folder: Path, at_most: int) -> None:
+def test_samples_are_spread_evenly(folder: Path) -> None:
     order = [clip.person for clip in open_clips(folder)]
-    some = [clip.person for clip in open_clips(folder, at_most=at_most)]
-    assert len(some) == min(at_most, 7) and some == sorted(set(some))
-    gaps = [order.index(b) - order.index(a) for a, b in pairwise(some)]
-    assert max(gaps, default=0) - min(gaps, default=0) <= 1
+    for at_most in (1, 3, 20):
+        some = [clip.person for clip in open_clips(folder, at_most=at_most)]
+        assert len(some) == min(at_most, 7) and some == sorted(set(some))
+        gaps = [order.index(b) - order.index(a) for a, b in pairwise(some)]
+        assert max(gaps, default=0) - min(gaps, default=0) <= 1
 
 
 def test_errors_about_missing_options_name_data_prepare(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
