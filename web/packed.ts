@@ -7,7 +7,7 @@ const [NAME, MORE] = ["three", "three-more"]; // of the packed chunks
 const ENTRY = /<script type="module" crossorigin src="(.*?)"><\/script>/;
 
 /** Files that the first picture needs, and that no module names. */
-const FIRST = ["page.json", "default_body.json", "performance.npz"];
+const FIRST = ["page.json", "default_body.json.gz", "performance.npz"];
 const preload = (name: string): string => `<link rel="preload" as="fetch" crossorigin href="./${name}" />`;
 
 /** How a browser gets at it: modules name it, and a map says where it is once it is unpacked. The worker that completes

@@ -1,6 +1,7 @@
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { fileURLToPath } from "node:url";
+import { gzipSync } from "node:zlib";
 import { defineConfig, type Plugin } from "vite";
 import { PACKED, packedThree } from "./packed";
 
@@ -17,6 +18,23 @@ function workerLicenses(): Plugin {
         fileName: "licenses-workers.md",
         source: `# Licenses of the workers\n\n## ${name} - ${version} (${license})\n\n## draco, of three's libraries (Apache-2.0)\n`,
       });
+    },
+  };
+}
+
+/** The core, packed as the weights are, so that a host that packs nothing sends it small. */
+function packedCore(): Plugin {
+  return {
+    name: "packed-core",
+    apply: "build",
+    enforce: "post",
+    generateBundle: {
+      order: "post",
+      handler(_, bundle) {
+        const source = gzipSync(readFileSync(core("core.wasm")), { level: 9 });
+        this.emitFile({ type: "asset", fileName: "core.wasm.gz", source });
+        delete bundle["core.wasm"]; // that which the module of the core would fetch by itself
+      },
     },
   };
 }
@@ -64,12 +82,11 @@ const core = (path: string): string => fileURLToPath(new URL(`core/${path}`, imp
 // The built page is package data of bodysense_live: names without hashes, so that a rebuild changes files in place.
 export default defineConfig({
   base: "./",
-  plugins: [oneDraco(), workerLicenses(), packedThree(), marked()],
+  plugins: [oneDraco(), workerLicenses(), packedThree(), packedCore(), marked()],
   resolve: {
     alias: [
       { find: /^@bodysense\/core$/, replacement: core("src/index.ts") },
       { find: /^@bodysense\/core\/(math|webxr)$/, replacement: core("src/$1.ts") },
-      { find: /^@bodysense\/core\/core\.wasm/, replacement: core("core.wasm") },
     ],
   },
   worker: { format: "es", rolldownOptions: { output: names } },

@@ -134,7 +134,11 @@ def changed_file(tensors: Mapping[str, np.ndarray | None], **metadata: str) -> b
     return safetensors_bytes(kept, {**card, **metadata})
 
 
-_FIRST_LAYERS = ("body.recurrent.weight_ih_l0", "body.turn_branch.0.weight", "body.judge_branch.0.weight")
+_FIRST_LAYERS = (
+    "body.recurrent.weight_ih_l0",
+    *(f"body.{name}.weight" for name in ("turn_branch.0", "judge_branch.0")),
+    *(f"body.updates.{name}.0.weight" for name in ("input_l0", "turn_branch")),
+)
 
 
 def narrow(further: int = 0) -> dict[str, np.ndarray | None]:

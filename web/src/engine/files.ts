@@ -24,5 +24,6 @@ export async function readJson<T>(base: string, name: string): Promise<T> {
 }
 
 export async function defaultSkeleton(base: string): Promise<Skeleton> {
-  return skeletonOfRows(await readJson<SkeletonRows>(base, "default_body.json"));
+  const text = new TextDecoder().decode(await unpacked(base, "default_body.json.gz"));
+  return skeletonOfRows(JSON.parse(text) as SkeletonRows);
 }

@@ -1,10 +1,9 @@
 /** The worker that completes bodies, so that rendering never waits. */
 
 import { openModel } from "@bodysense/core";
-import core from "@bodysense/core/core.wasm?url";
 import type { Observation } from "../body/observation";
 import type { Person } from "../wearer/wearer";
-import { defaultSkeleton, fetched, unpacked } from "./files";
+import { defaultSkeleton, unpacked } from "./files";
 import { Tracker, type Completed } from "./tracker";
 
 export type ToEngine =
@@ -27,7 +26,7 @@ let turn: Promise<void> = Promise.resolve(); // messages are taken one after the
 async function open(base: string): Promise<void> {
   const [weights, wasm, skeleton] = await Promise.all([
     unpacked(base, "completion.safetensors.gz"),
-    fetched(new URL(core, import.meta.url).href, "core.wasm"),
+    unpacked(base, "core.wasm.gz"),
     defaultSkeleton(base),
   ]);
   tracker = new Tracker(await openModel(new Uint8Array(weights), wasm), skeleton);

@@ -187,10 +187,12 @@ def with_chains(tree: Tree, points: Mapping[str, int], kind: Kind) -> dict[str, 
         if end is None or end in taken - {found.get(names[2])}:
             continue
         way = tree.figure.above(end)
-        start = found.get(names[0])
+        start, middle = found.get(names[0]), found.get(names[1])
+        # 'Leg' is the thigh in some rigs and the shin in others; nothing is between a shin and its foot.
+        if start in way and middle is None and all(tree.is_aside(k) for k in way[1 : way.index(start)]):
+            start, middle = None, start
         if start is None:  # the highest joint of this side alone that is no collar
             own = [k for k in way if k not in opposite]
-            middle = found.get(names[1])
             above = own[own.index(middle) + 1 :] if middle in own else own[2:]
             above = [k for k in above if k not in taken and not tree.is_aside(k)]
             start = above[0] if above else None
@@ -199,7 +201,7 @@ def with_chains(tree: Tree, points: Mapping[str, int], kind: Kind) -> dict[str, 
         chain = [start, *(k for k in way[1 : way.index(start)][::-1] if not tree.is_aside(k))]
         # 'Shoulder' is the collar in some rigs, and then a further joint of the chain is the shoulder.
         firsts = chain if tree.means(start, "collar") else chain[:1]
-        middles = [found[names[1]]] if names[1] in found else chain[1:]
+        middles = chain[1:] if middle is None else [middle]
         pairs = [(a, b) for a in firsts for b in middles if b in chain and chain.index(a) < chain.index(b)]
         if not pairs:
             continue

@@ -19,12 +19,12 @@ from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 
 ABOUT = "page.json"  # whether the page has a server, and the names of its files
-_OF_THE_LIBRARY = {
-    "default_body.json": ("bodysense.body", "default_body.json"),
+# Files of the library by the names that the page requests. Those that end in .gz are packed.
+LIBRARY_FILES = {
+    "completion.safetensors.gz": ("bodysense.weights", "completion.safetensors"),
+    "default_body.json.gz": ("bodysense.body", "default_body.json"),
     "performance.npz": ("bodysense.demo", "performance.npz"),
 }
-_NETWORK = "completion.safetensors"
-LIBRARY_FILES = (f"{_NETWORK}.gz", *_OF_THE_LIBRARY)  # names that the page requests
 _VISION = "https://cdn.jsdelivr.net/npm/@mediapipe/tasks-vision@1.1.0/wasm"  # the version of web/package-lock.json
 # Optional: MediaPipe's files for the webcam, with address and SHA-256.
 WEBCAM = {
@@ -54,10 +54,9 @@ def built() -> Path:
 @lru_cache(maxsize=len(LIBRARY_FILES))
 def library_file(name: str) -> bytes:
     """Return the bytes of one of `LIBRARY_FILES`."""
-    if name == f"{_NETWORK}.gz":
-        return gzip.compress(files("bodysense.weights").joinpath(_NETWORK).read_bytes(), 9, mtime=0)
-    package, file = _OF_THE_LIBRARY[name]
-    return files(package).joinpath(file).read_bytes()
+    package, file = LIBRARY_FILES[name]
+    content = files(package).joinpath(file).read_bytes()
+    return gzip.compress(content, 9, mtime=0) if name.endswith(".gz") else content
 
 
 def library_routes() -> list[Any]:
