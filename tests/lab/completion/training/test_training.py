@@ -288,6 +288,15 @@ def test_keep_averages_weights_and_updates_leave_them(tmp_path: Path, monkeypatc
     updated = train_completion(replace(run, run=tmp_path / "updates", update_rank=16), fabric, data).state_dict()
     changed = {name for name, values in updated.items() if not torch.equal(values, earlier.get(name, values * 0))}
     assert changed and all(name.startswith("updates.") for name in changed)
+    with pytest.raises(BodysenseError, match=r"--update-rank 32: .* has updates of rank 16; give that"):
+        train_completion(replace(run, update_rank=32), fabric, data)
+
+    # A training of all weights begins with the updates, too, of a file or of a checkpoint.
+    whole = replace(run, run=tmp_path / "whole", begin_with=tmp_path / "updates" / "completion.ckpt")
+    again = train_completion(whole, fabric, data).state_dict()
+    assert again.keys() == trained.keys() == updated.keys()
+    far, near = (sum(float((again[name] - one[name]).abs().sum()) for name in again) for one in (earlier, updated))
+    assert near < far and not any(torch.equal(again[name], updated[name]) for name in again)
 
 
 def test_updates_without_begin_with_are_refused(tmp_path: Path) -> None:

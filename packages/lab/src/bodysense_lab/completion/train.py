@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import torch
 from lightning_fabric import Fabric
-from torch import Tensor
 
 from bodysense.errors import BodysenseError
 from bodysense_lab.completion.data.corpus import Corpus, CorpusReader
@@ -29,7 +28,7 @@ from bodysense_lab.completion.training.task import (
     FingerTaskConfig,
     validation_batches,
 )
-from bodysense_lab.core.checkpoint import best_weights
+from bodysense_lab.core.checkpoint import best_weights, checkpoint_identity
 from bodysense_lab.core.fit import fit, set_seed_and_threads
 
 _VALIDATION_STRIDE = 3  # every n-th validation clip is scored at a checkpoint
@@ -54,12 +53,8 @@ def train_completion(options: CompletionTraining, fabric: Fabric, data: MotionDa
     if options.finger_steps and not len(train.with_fingers):
         raise BodysenseError(f"{options.data}: no training clip has fingers that move; give --finger-steps 0")
     fabric.print(f"{train.minutes:.0f} minutes of motion to train on, {val.minutes:.0f} to validate")
-    config = CompletionTaskConfig(
-        CompletionConfig(update_rank=options.update_rank), backward=options.backward, streams=options.streams
-    )
-    network = CompletionNetwork(config.network)
-    if options.begin_with is not None:
-        network.load_state_dict(network.state_dict() | _weights(options.begin_with, config.network))
+    network = _initial_network(options.begin_with, options.update_rank)
+    config = CompletionTaskConfig(network.config, backward=options.backward, streams=options.streams)
     for name, parameter in network.named_parameters():
         parameter.requires_grad_(not options.update_rank or name.startswith("updates."))
     initial = {name: value.clone() for name, value in network.state_dict().items()}
@@ -126,20 +121,28 @@ def _begin(
         return corpora("train"), corpora("val")
 
 
-def _weights(path: Path, config: CompletionConfig) -> dict[str, Tensor]:
-    """Return initial weights: the best ones of a checkpoint, or those of a published file.
+def _initial_network(path: Path | None, rank: int) -> CompletionNetwork:
+    """Return the network to train: a new one, or that of a checkpoint or a published file with its updates.
 
-    A network without updates can begin one that has them. Raises BodysenseError if the published network has another
-    size.
+    Raises BodysenseError if it has another size, or updates of another rank than `rank`, unless that is 0.
     """
     from bodysense_lab.completion.networks.weights_file import read_weights
 
-    if path.suffix != ".safetensors":
-        return best_weights(path, CompletionNetwork(config))
-    published, _ = read_weights(path)
-    if published.config not in (config, replace(config, update_rank=0)):
-        raise BodysenseError(f"{path}: built as {published.config}, wanted {config}; give another --begin-with")
-    return published.state_dict()
+    if path is None:
+        return CompletionNetwork(CompletionConfig())
+    if path.suffix == ".safetensors":
+        config, weights = (published := read_weights(path)[0]).config, published.state_dict()
+    else:
+        trained = checkpoint_identity(path).get("network", {}).get("network", {})
+        config = CompletionConfig(update_rank=int(trained.get("update_rank", 0)))
+        weights = best_weights(path, CompletionNetwork(config))
+    if replace(config, update_rank=0) != CompletionConfig():
+        raise BodysenseError(f"{path}: built as {config}, wanted {CompletionConfig()}; give another --begin-with")
+    if rank and config.update_rank not in (0, rank):
+        raise BodysenseError(f"--update-rank {rank}: {path} has updates of rank {config.update_rank}; give that")
+    network = CompletionNetwork(replace(config, update_rank=rank or config.update_rank))
+    network.load_state_dict(network.state_dict() | weights)
+    return network
 
 
 def without_person(corpus: Corpus, person: str) -> Corpus:
