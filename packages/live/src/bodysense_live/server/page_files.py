@@ -5,9 +5,9 @@ A folder with these files can be served by any static host. `bodysense serve` se
 
 from __future__ import annotations
 
-import gzip
 import hashlib
 import json
+import zlib
 from collections.abc import Iterator
 from functools import lru_cache
 from importlib.resources import files
@@ -56,7 +56,13 @@ def library_file(name: str) -> bytes:
     """Return the bytes of one of `LIBRARY_FILES`."""
     package, file = LIBRARY_FILES[name]
     content = files(package).joinpath(file).read_bytes()
-    return gzip.compress(content, 9, mtime=0) if name.endswith(".gz") else content
+    return _packed(content) if name.endswith(".gz") else content
+
+
+def _packed(content: bytes) -> bytes:
+    """Return content as gzip. Weights hardly repeat, so that looking for fewer repeats makes them 1 % smaller."""
+    packer = zlib.compressobj(9, zlib.DEFLATED, 31, 9, zlib.Z_FILTERED)  # 31: gzip's header, without a time
+    return packer.compress(content) + packer.flush()
 
 
 def library_routes() -> list[Any]:
