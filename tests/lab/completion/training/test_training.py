@@ -284,7 +284,7 @@ def test_keep_averages_weights_and_updates_leave_them(tmp_path: Path, monkeypatc
     for name in trained:
         torch.testing.assert_close(mixed[name], 0.25 * earlier[name] + 0.75 * trained[name])
 
-    # With updates, all other weights stay as they are.
+    # A training of updates changes no other weight.
     updated = train_completion(replace(run, run=tmp_path / "updates", update_rank=16), fabric, data).state_dict()
     changed = {name for name, values in updated.items() if not torch.equal(values, earlier.get(name, values * 0))}
     assert changed and all(name.startswith("updates.") for name in changed)

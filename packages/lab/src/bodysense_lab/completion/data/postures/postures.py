@@ -30,7 +30,7 @@ KINDS = {
     "stride": 0.08,  # upright, one foot in front of the other
     "bow": 0.06,  # with straight legs
 }
-NEW_KINDS = ("standing", "stride", "bow")  # postures and arms that earlier networks were not trained on
+_HANDS_ANYWHERE = ("standing", "stride", "bow")  # postures whose hands may be held in any place of `_HANDS`
 _WHOLE_SEQUENCE = 0.55  # share of sequences that are in the posture throughout
 _RESTING, _HOLDING = 0.4, 0.25  # shares of sequences whose hands rest on the thighs, and are held still in front
 _HELD = 0.6  # share of strides and bows whose hands are held in a place of `_HANDS`
@@ -115,7 +115,7 @@ def apply_posture(
     if kind != "standing":
         matrix, path = _blend_posture(before, path, offset, _POSTURES[kind](_bones_of(offset), rng), share, rate, rng)
     drawn = rng.uniform()
-    if kind in NEW_KINDS:
+    if kind in _HANDS_ANYWHERE:
         if kind == "standing" or drawn < _HELD:
             names = list(_HANDS)
             matrix = _hold_hands(matrix, path, offset, _HANDS[names[int(rng.integers(len(names)))]], rate, rng)
