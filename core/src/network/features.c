@@ -53,19 +53,32 @@ float stature(const vec3 rest_offset[BS_POINTS]) {
     return (height[HEAD] - lowest) / REFERENCE_HEAD + FLATTEST;
 }
 
+static bool has_pose(const tracked *seen, int joint) { return seen->has_position[joint] && seen->has_rotation[joint]; }
+
+/* Whether a point's position follows from the measured pose of its parent, and tells nothing of other joints: of hips,
+ * spine, shoulders and the ends of limbs. Few sequences of training have such points. */
+static bool follows(const tracked *seen, int point) {
+    switch (point) {
+    case PELVIS: case HEAD: case LEFT_KNEE: case RIGHT_KNEE: case LEFT_ANKLE: case RIGHT_ANKLE:
+    case LEFT_ELBOW: case RIGHT_ELBOW: case LEFT_WRIST: case RIGHT_WRIST: return false;
+    default: return !(point < BODY_JOINTS && turned(seen, point)) && has_pose(seen, PARENT[point]);
+    }
+}
+
 reading read_person(const tracked *seen, const input_memory *last) {
     reading read;
     read.size = stature(seen->rest_offset);
     read.interval = last->elapsed + seen->interval;
     for (int k = 0; k < BODY_POINTS; k++) {
         read.place[k] = seen->position[BODY_POINT[k]];
-        read.has_place[k] = seen->has_position[BODY_POINT[k]];
+        read.has_place[k] = seen->has_position[BODY_POINT[k]] && !follows(seen, BODY_POINT[k]);
     }
     for (int hand = 0; hand < 2; hand++) {
         vec3 sum = vec(0, 0, 0);
         for (int k = 0; k < KNUCKLES; k++) sum = add(sum, seen->knuckle[hand][k]);
         read.place[BODY_POINTS + hand] = scale(sum, 0.25F);
-        read.has_place[BODY_POINTS + hand] = seen->has_knuckles[hand];
+        read.has_place[BODY_POINTS + hand] =
+            seen->has_knuckles[hand] && !has_pose(seen, hand ? RIGHT_WRIST : LEFT_WRIST);
     }
     for (int joint = 0; joint < BODY_JOINTS; joint++) read.has_axes[joint] = turned(seen, joint);
     return read;
