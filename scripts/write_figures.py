@@ -50,7 +50,6 @@ networks for each set.
         --json FIGURES/unoc-table6-TRAIN-TEST.json      (TRAIN and TEST: cmu and rocketbox, all four)
     bodysense evaluate finger-synthesis --data DATA --json FIGURES/finger-synthesis.json
     bodysense evaluate transitions --data DATA --json FIGURES/transitions.json
-    bodysense evaluate reliability --data DATA --json FIGURES/reliability.json
     bodysense study build STUDY --scenes 6
     bodysense study simulate STUDY/key.json -o ANSWERS --preference truth=0.76,ours=0.3
     bodysense study analyze STUDY/key.json ANSWERS/*.json --json FIGURES/study.json

@@ -68,7 +68,6 @@ def test_sight_opens_the_given_network(tmp_path: Path, refused) -> None:
     [
         ("finger-synthesis", ()),
         ("transitions", ("--jobs", 1)),
-        ("reliability", ("--jobs", 1)),
         ("completion", ("--jobs", 1)),
         ("unoc-table2", ("--jobs", 1)),
         ("unoc-table6", ("--jobs", 1)),

@@ -11,7 +11,6 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.osc import bundled, message_bytes
-from bodysense_lab.serving.solarxr_client import request
 from bodysense_live.protocols.slimevr import SlimevrState, take
 from bodysense_live.protocols.solarxr.runtime_messages import read_bundle, settings_bundle
 from bodysense_live.protocols.solarxr.solarxr_input import InputReader
@@ -20,6 +19,7 @@ from bodysense_live.protocols.vmc import VmcTrackers
 from bodysense_live.protocols.vrchat import VrchatReader
 from bodysense_live.sessions.tracked_devices import DeviceReader
 
+from ..protocols.solarxr.client import request
 from .hostile_clients import corrupted
 
 _POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)

@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.geometry.rotation import quaternion_rotate
-from bodysense_lab.serving import solarxr_client as client
 from bodysense_live.protocols.solarxr.driver_input import DriverReader, DriverState
 from bodysense_live.protocols.solarxr.driver_messages import (
     BONE_IDS,
@@ -31,6 +30,7 @@ from bodysense_live.protocols.solarxr.solarxr_link import RPC, SolarxrSettings
 from bodysense_live.server.settings import ServerSettings
 
 from ...conftest import Serving
+from . import client
 from .test_solarxr import EYES, SKELETON, standing
 
 LAYOUT = body_layout(SKELETON, EYES)

@@ -127,7 +127,6 @@ def completion_table(
     from bodysense.parallel import parallel_map
     from bodysense_lab.completion.score.baselines import cached_mean_body, count_of_split
     from bodysense_lab.completion.score.clip_results import ClipResults
-    from bodysense_lab.completion.score.reliability import draw_reliability
     from bodysense_lab.completion.score.scoring import evaluate_completion, work_of
     from bodysense_lab.completion.score.tables import CompletionSettings, completion_reports
     from bodysense_lab.completion.score.tracking import PeopleTracker, TakeTracker, step_times
@@ -140,7 +139,7 @@ def completion_table(
         raise BodysenseError("--backward-model: only takes are tracked backward in time; give --takes as well")
     if networks.joining_model is not None and not scope.takes:
         raise BodysenseError("--joining-model: only takes have two answers to join; give --takes as well")
-    check_places(files.json, files.csv, files.picture, files.sheet)
+    check_places(files.json, files.csv, files.sheet)
     track = PeopleTracker(networks.model)
     take_tracker = None
     if scope.takes:
@@ -180,11 +179,9 @@ def completion_table(
     write_numbers(files.json, reports[0].numbers, timed=results is None or not results.resumed)
     if files.csv is not None:
         write_csv(files.csv, reports[1])
-    if files.picture is not None:
-        draw_reliability(files.picture, table)
     if files.sheet is not None:
         draw_worst(files.sheet, table.worst, clips, settings, track, files.worst, files.worst_by)
-    for path in filter(None, (files.json, files.csv, files.picture, files.sheet)):
+    for path in filter(None, (files.json, files.csv, files.sheet)):
         console.print(f"wrote {path}", highlight=False)
 
 

@@ -150,13 +150,6 @@ def unoc_smoothness(
     _score(data, table, work, smoothness_report)
 
 
-def reliability(data: Data, model: Predictor = None, table: Table = TableOptions()) -> None:
-    """Compare expected with true errors of hidden joints, in ten bins of equal count."""
-    from bodysense_lab.papers.unoc.score.reliability import pairs_of_clip, reliability_report
-
-    _score(data, table, partial(pairs_of_clip, model=model), reliability_report)
-
-
 def transitions(data: Data, model: Predictor = None, half_life: HalfLife = None, table: Table = TableOptions()) -> None:
     """Measure jerk in the second in which a joint is lost or seen again, before and after smoothing."""
     from bodysense_lab.papers.unoc.score.transitions import transitions_of_clip, transitions_report

@@ -14,7 +14,6 @@ def commands() -> SubcommandApp:
         ik,
         import_time,
         live,
-        live_outputs,
         occlusion,
         step,
         take,
@@ -31,5 +30,4 @@ def commands() -> SubcommandApp:
     for command in (arms.arms, video.video):
         group.command(command)
     group.command(name="live")(live.bench_live)
-    group.command(live_outputs.live_outputs)
     return group

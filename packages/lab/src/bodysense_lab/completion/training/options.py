@@ -205,8 +205,6 @@ class EvaluationFiles:
     json: Json = None
     csv: Path | None = None
     """file for the table of all measures"""
-    picture: Path | None = None
-    """file for the reliability diagram (PNG)"""
     worst: Count = 12
     """number of frames on the sheet, at most one of a clip"""
     worst_by: Fault = "error"
@@ -215,5 +213,5 @@ class EvaluationFiles:
     """file for a sheet of the worst frames, truth next to result (PNG)"""
 
     def __post_init__(self) -> None:
-        for path in filter(None, (self.picture, self.sheet)):
-            check_ending(path, ".png", what="a picture")
+        if self.sheet is not None:
+            check_ending(self.sheet, ".png", what="a picture")
