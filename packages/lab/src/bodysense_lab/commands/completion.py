@@ -262,23 +262,6 @@ def amass_p1(
     show(replace(report, numbers=report.numbers | {"clips_in_split": float(len(test))}), json)
 
 
-def sight(headset: Path | None = None, model: Network = None, json: Json = None) -> None:
-    """Score scripted wearers who stand, sit, raise their arms or take rare poses, and heads of real headsets.
-
-    Args:
-        headset: folder of recorded headsets (headset_takes.npz); these rows are left out if omitted.
-    """
-    from rich.console import Console
-
-    from bodysense_lab.completion.score.sight.wearer_scores import score_wearers, sight_report
-    from bodysense_lab.completion.score.tracking import PeopleTracker
-
-    check_places(json)
-    with Console().status("tracking …"):
-        scores = score_wearers(PeopleTracker(model).network, headset)
-    show(sight_report(scores), json)
-
-
 def scenes(
     split: Literal["val", "test"] = "test",
     scenes: Count = 4,

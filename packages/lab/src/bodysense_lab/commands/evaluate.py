@@ -13,7 +13,6 @@ def commands() -> SubcommandApp:
     group.command(name="completion")(completion.completion_table)
     group.command(completion.kinds)
     group.command(completion.amass_p1)
-    group.command(completion.sight)
     group.command(completion.scenes)
     group.command(name="fingers")(completion.untracked_fingers)
     group.command(completion.holes)
