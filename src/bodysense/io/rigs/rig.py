@@ -285,7 +285,7 @@ def _upward(
     points = {name: point for name, point in points.items() if name in BODY or name.endswith(("_toe", "_top"))}
     names = list(points)
     first, later, moment = moments(len(figure), figure.frame_rate)
-    place, after = (_points_at(figure, points, frames) * metres for frames in (first, later))
+    place, after = (figure.frames(frames).world(list(points.values()))[0] * metres for frames in (first, later))
     by_name = {name: place[:, k] for k, name in enumerate(names)}
     if "left_hip" in points:
         body = _middle(by_name, "shoulder") - _middle(by_name, "ankle")
@@ -304,11 +304,6 @@ def _upward(
     if rest is None:
         found = replace(found, word=None)
     return found.axis, max(found.stands, 0.0 if rest is None else 0.5), doubts(found, "its rest pose")
-
-
-def _points_at(figure: Figure, points: Mapping[str, int], frames: np.ndarray) -> np.ndarray:
-    """Return the positions (N, P, 3) of our points in some frames, file units."""
-    return figure.frames(frames).world(list(points.values()))[0]
 
 
 def _resting_axis(figure: Figure, points: Mapping[str, int]) -> UpAxis | None:
