@@ -270,7 +270,6 @@ def scenes(
     headset: Path | None = None,
     model: Network = None,
     sheet: Path | None = None,
-    sheet_set: SceneSetName = "three_point",
     jobs: Processes | None = None,
     json: Json = None,
 ) -> None:
@@ -282,8 +281,7 @@ def scenes(
         sets: sets of sensors; all if omitted.
         kinds: kinds of scenes; all if omitted.
         headset: folder of recorded headsets (headset_takes.npz); left out if omitted.
-        sheet: picture (PNG) of a scene of each kind, the truth over the result.
-        sheet_set: set of sensors of the picture.
+        sheet: picture (PNG) of a scene of each kind, tracked by three points: the truth over the result.
         jobs: processes; one for each core if omitted.
     """
     from bodysense.cli.show import wide_console, write_numbers
@@ -310,7 +308,7 @@ def scenes(
         print_report(report, console)
     write_numbers(json, scene_numbers(scored, headsets))
     if sheet is not None:
-        draw_strips(sheet, scene_jobs(split, chosen, 1), sheet_set, track)
+        draw_strips(sheet, scene_jobs(split, chosen, 1), "three_point", track)
         console.print(f"wrote {sheet}", highlight=False)
 
 
