@@ -96,7 +96,10 @@ class CanonicalForm:
         must_stand: bool,
         lacking: Collection[str],
     ) -> CanonicalForm:
-        """Return the form of a clip; arguments as of `canonical`."""
+        """Return the form of a clip; arguments as of `canonical`.
+
+        `lacking` are our end sites that the clip lacks; others are those that hang on the joint.
+        """
         ours, source = default_skeleton(), clip.pose.skeleton
         for name in joints.values():
             ours.index(name)  # raises for a name that is not ours
