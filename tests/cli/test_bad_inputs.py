@@ -129,7 +129,7 @@ BAD = {
     "track motion.bvh -o out.bvh --device head --person text.txt": "text.txt is not JSON",
     "track motion.bvh -o out.bvh --device head --person folder": "folder cannot be read",
     "serve --port 0 --person missing.json": "missing.json",
-    "serve --port 0 --device-names text.txt --vmt": "text.txt: a table of devices is a JSON object",
+    "serve --port 0 --device-names text.txt --vmt": "text.txt is not JSON",
     "serve --port 0 --certificate text.txt --key text.txt": "text.txt",
     "serve --port 0 --replay text.txt": "--replay text.txt",
     # weights, before the motion is completed

@@ -18,6 +18,7 @@ import numpy as np
 
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.files import read_json
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import parts_lacking
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
@@ -187,12 +188,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND, format_up: UpA
 
 def joint_map(path: Path) -> dict[str, str]:
     """Return a joint map, {name in the file: ours}, without omitted joints. Raises BodysenseError for other files."""
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BodysenseError(f"--joints {path}: cannot be read ({error.strerror})") from None
-    except ValueError as error:
-        raise BodysenseError(f"--joints {path}: not JSON ({error}); draft it with bodysense data joints") from None
+    table = read_json(path, "draft it with bodysense data joints", "--joints")
     if not isinstance(table, dict) or not all(isinstance(ours, str) for ours in table.values()):
         raise BodysenseError(f'--joints {path}: must be one object of names, {{"name in the file": "our name"}}')
     return {given: ours for given, ours in table.items() if ours}
