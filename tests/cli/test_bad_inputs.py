@@ -189,7 +189,6 @@ OUTSIDE = {
         "simulate motion.bvh -o out.npz --noise --seed",
         "papers generate -o out.bvh --seed",
     ),
-    ("-1", "nan", "inf", "1e9", "long"): ("data fingers -o out.npz --hours",),
     ("0", "-30", "nan", "inf", "1e9", "1e-9", "fast"): (
         "convert motion.bvh -o out.bvh --rate",
         "convert motion.bvh -o out.bvh --file-rate",

@@ -54,17 +54,16 @@ def completion(run: Flat[CompletionTraining]) -> None:
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
     from bodysense_lab.completion.data.corpus_cache import read_corpus
-    from bodysense_lab.completion.data.generated_fingers import kept_fingers
     from bodysense_lab.completion.networks.publish import publish, round_network
-    from bodysense_lab.completion.train import MotionData, completion_finger_network, train_completion
+    from bodysense_lab.completion.train import completion_finger_network, train_completion
     from bodysense_lab.completion.training.task import CompletionTask
     from bodysense_lab.core.fit import announce_run
 
     check_place(run.out)
     fabric = announce_run(run, CompletionTask)
-    data = MotionData(partial(read_corpus, run.data, limit=run.limit), kept_fingers)
-    body = train_completion(run, fabric, data)
-    fingers = completion_finger_network(run, fabric, data)
+    corpora = partial(read_corpus, run.data, limit=run.limit)
+    body = train_completion(run, fabric, corpora)
+    fingers = completion_finger_network(run, fabric, corpora)
     if not fabric.is_global_zero:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
@@ -85,15 +84,13 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
     Training resumes from its checkpoint, the .ckpt that is written.
     """
     from bodysense_lab.completion.data.corpus_cache import read_corpus
-    from bodysense_lab.completion.data.generated_fingers import kept_fingers
-    from bodysense_lab.completion.train import MotionData, train_fingers
+    from bodysense_lab.completion.train import train_fingers
     from bodysense_lab.completion.training.task import FingerTask
     from bodysense_lab.core.fit import announce_run
 
     check_place(run.out)
     fabric = announce_run(run, FingerTask)
-    data = MotionData(partial(read_corpus, run.data, limit=run.limit), kept_fingers)
-    train_fingers(run, fabric, data)
+    train_fingers(run, fabric, partial(read_corpus, run.data, limit=run.limit))
     fabric.print(f"wrote {run.out}")
 
 
