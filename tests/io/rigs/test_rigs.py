@@ -109,6 +109,25 @@ def unit_of(layout: Layout) -> dict[str, str]:
     return {} if layout.has_known_unit else {"unit": str(layout.unit)}
 
 
+# Their thighs and shins are two bones each, so another name tells the part.
+DIVIDED_LEGS = ("Rigify", "MakeHuman, default")
+ONE_BONE_LEGS = [name for name, one in EVERY.items() if name not in DIVIDED_LEGS and "left_ankle" in mapped(one)]
+
+
+@for_each(*every(15, ONE_BONE_LEGS))
+def test_a_joint_named_leg_is_the_thigh_or_the_shin_by_its_place(name: str) -> None:
+    layout, sides = EVERY[name], ("left", "right")
+    clip, before = held_still(motion(6, 50), layout), mapped(layout)
+    for part, unnamed in (("hip", "knee"), ("knee", "hip")):
+        names = {before[f"{side}_{part}"]: f"{side.capitalize()}Leg" for side in sides}
+        names |= {before[f"{side}_{unnamed}"]: f"{side.capitalize()}Qwx" for side in sides}
+        bones = [(names.get(bone, bone), names.get(parent, parent), place) for bone, parent, place in layout.bones]
+        renamed = replace(layout, bones=bones)
+        joints, expected = of(write(renamed, clip), **unit_of(layout)).rig.joints, mapped(renamed)
+        legs = [f"{side}_{role}" for side in sides for role in ("hip", "knee", "ankle")]
+        assert {ours: joints[ours] for ours in legs} == {ours: expected[ours] for ours in legs}, part
+
+
 @pytest.mark.parametrize("scale", [0.3, 2.1, 17.0])
 def test_a_body_of_unknown_unit_is_scaled_and_reported(scale: float) -> None:
     clip = of_other_size(motion(6, 50), 1.0)
