@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -41,22 +41,13 @@ def around() -> np.ndarray:
     return np.median(filmed().root_position, axis=0)
 
 
-def pictures() -> Iterator[np.ndarray]:
-    """Yield the pictures of the film: a person who walks toward the camera."""
-    pose = filmed()
-    camera = Camera(around() + OFFSET, np.eye(3), np.array(1.0), np.array(4 / 3))
-    with open_renderer(sample_scene(np.random.default_rng(5), "woman"), camera, 480, around()) as stage:
-        for k in range(len(pose.root_position)):
-            yield stage.draw(pose[k])
-
-
-def film(path: Path) -> Path:
-    """Write the film, MJPEG."""
+def film(path: Path, pictures: list[np.ndarray]) -> Path:
+    """Write pictures as MJPEG."""
     import av
 
     with av.open(str(path), "w", format="mjpeg") as container:
         stream = container.add_stream("mjpeg", rate=Fraction(RATE))
-        for k, picture in enumerate(pictures()):
+        for k, picture in enumerate(pictures):
             if k == 0:
                 stream.height, stream.width, stream.pix_fmt = *picture.shape[:2], "yuvj420p"
             container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
@@ -78,9 +69,20 @@ def with_webcam(site: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def watched(scenario: Scenario, with_webcam: Path, tmp_path_factory: pytest.TempPathFactory) -> Watched:
+def pictures(with_webcam: Path) -> list[np.ndarray]:
+    """The pictures of the film: a person who walks toward the camera."""
+    pose = filmed()
+    camera = Camera(around() + OFFSET, np.eye(3), np.array(1.0), np.array(4 / 3))
+    with open_renderer(sample_scene(np.random.default_rng(5), "woman"), camera, 480, around()) as stage:
+        return [stage.draw(pose[k]) for k in range(len(pose.root_position))]
+
+
+@pytest.fixture(scope="module")
+def watched(
+    scenario: Scenario, with_webcam: Path, pictures: list[np.ndarray], tmp_path_factory: pytest.TempPathFactory
+) -> Watched:
     folder = tmp_path_factory.mktemp("webcam")
-    return folder, scenario("webcam", with_webcam, film(folder / "person.mjpeg"), folder / "seen.png")
+    return folder, scenario("webcam", with_webcam, film(folder / "person.mjpeg", pictures), folder / "seen.png")
 
 
 def test_a_webcam_sees_a_person(watched: Watched) -> None:
@@ -120,7 +122,11 @@ def test_picture_and_body_are_mirrored_together_by_a_switch_that_is_kept(watched
 
 
 def test_a_webcams_body_is_the_person_of_the_film(
-    scenario: Scenario, with_webcam: Path, tmp_path: Path, record_property: Callable[[str, object], None]
+    scenario: Scenario,
+    with_webcam: Path,
+    pictures: list[np.ndarray],
+    tmp_path: Path,
+    record_property: Callable[[str, object], None],
 ) -> None:
     """22 joints next to those of the film's own poses, at the same time: from the pelvis, facing as in the film.
 
@@ -129,7 +135,7 @@ def test_a_webcams_body_is_the_person_of_the_film(
     """
     film = tmp_path / "film"
     film.mkdir()
-    for k, picture in enumerate(pictures()):
+    for k, picture in enumerate(pictures):
         Image.fromarray(picture).save(film / f"{k}.jpg", quality=92)
     scenario("webcam_film", with_webcam, film, tmp_path / "take.bvh")
     clip, truth = read_bvh(tmp_path / "take.bvh"), filmed()

@@ -56,7 +56,7 @@ await scenario(
     const [, points] = /(\d+) points/.exec(summary);
     const notice = await page.textContent("#notice-text");
     await page.dispatchEvent("#record", "click");
-    await page.waitForTimeout(12_000);
+    await page.waitForTimeout(6000); // the film of 4 s, and more
     await page.dispatchEvent("#record", "click");
     await until(page, "#camera-says", "You are seen");
     await page.screenshot({ path: picture });
