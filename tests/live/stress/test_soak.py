@@ -47,7 +47,7 @@ def test_wearers_over_a_bad_network_are_answered_and_resume() -> None:
 @pytest.mark.alone
 def test_wearers_of_killed_processes_resume_in_another() -> None:
     with storing(free_port()) as address:
-        plan = SoakPlan(sessions=4, seconds=16.0, workers=2, shared=address, seconds_between_kills=6.0)
+        plan = SoakPlan(sessions=6, seconds=15.0, workers=2, shared=address, seconds_between_kills=5.0)
         counts = soak(plan, np.random.default_rng(2))
     assert faults(counts, plan) == []
     assert counts.killed >= 2 and counts.resumed > 2
