@@ -119,7 +119,7 @@ ONE_BONE_LEGS = [name for name, one in EVERY.items() if name not in DIVIDED_LEGS
 def test_a_joint_named_leg_is_the_thigh_or_the_shin_by_its_place(name: str) -> None:
     layout, sides = EVERY[name], ("left", "right")
     file, joints = write(layout, held_still(motion(2, 50), layout)).encode(), mapped(layout)
-    figure, options = figure_of_file(file, Path("take.bvh")), ReadingOptions(**unit_of(layout))
+    figure, options = figure_of_file(file, Path("take.bvh")), ReadingOptions(unit=unit_of(layout).get("unit"))
     for part, unnamed in (("hip", "knee"), ("knee", "hip")):
         names = {joints[f"{side}_{part}"]: f"{side.capitalize()}Leg" for side in sides}
         names |= {joints[f"{side}_{unnamed}"]: f"{side.capitalize()}Qwx" for side in sides}
