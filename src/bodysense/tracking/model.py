@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.tensors import tensors_of
 from bodysense.tracking.core import Model
 
 if TYPE_CHECKING:
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
 PACKAGED = "completion.safetensors"
 PACKAGED_BACKWARD = "completion_backward.safetensors"
 _COMMAND = "bodysense train completion"
+_FLOATS = {"F16": "<f2", "F32": "<f4", "F64": "<f8"}  # safetensors' types of numbers → NumPy's
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,16 +69,29 @@ def _opened(source: Traversable) -> CompletionModel:
         core = Model(weights, str(source))
     except BodysenseError as error:
         raise BodysenseError(f"{error}; {wanted}") from None
-    tensors, metadata = tensors_of(weights, str(source))
-    for name, values in tensors.items():
-        if not np.isfinite(values).all():
-            raise BodysenseError(f"{source}: {name} is not finite, as in a damaged file; {wanted}")
-    return CompletionModel(core, {name: _parsed(text) for name, text in metadata.items()}, source)
+    try:
+        length = int.from_bytes(weights[:8], "little")
+        header, arrays = json.loads(weights[8 : 8 + length]), memoryview(weights)[8 + length :]
+        _check_finite(header, arrays)
+        return CompletionModel(core, {name: _parsed(text) for name, text in header["__metadata__"].items()}, source)
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:  # text that is damaged, too
+        raise BodysenseError(f"{source}: a damaged weights file ({error}); {wanted}") from None
+
+
+def _check_finite(header: dict[str, Any], arrays: memoryview) -> None:
+    """Raise ValueError, naming the array, for weights that are not finite."""
+    for name, array in header.items():
+        kind = _FLOATS.get(array.get("dtype"))
+        if kind is None:
+            continue
+        first, end = array["data_offsets"]
+        if not np.isfinite(np.frombuffer(arrays[first:end], dtype=kind)).all():
+            raise ValueError(f"{name} is not finite")
 
 
 def _parsed(text: str) -> Any:
     """Return a field of the metadata, parsed as JSON if possible."""
     try:
         return json.loads(text)
-    except (ValueError, RecursionError):
+    except ValueError:
         return text
