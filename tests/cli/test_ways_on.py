@@ -34,7 +34,6 @@ SOURCES = Path(bodysense.__file__).parent
 COMMAND = re.compile(
     r"\b(?:bodysense [a-z]+(?= )|python -c|gunzip|iconv|blender -b|pip install|dask scheduler|python scripts)"
 )
-OPTION = re.compile(r"\b(?:give|choose one with|say the axes with)\b[^;]*--[a-z]|\(--[a-z-]+ (?:overrides|keeps)")
 # Fragments of messages whose way on runs in another test, or cannot run in a test.
 ELSEWHERE = {
     "a video; complete it": "video: tests/cli/test_video.py tracks one",
