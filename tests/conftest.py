@@ -60,11 +60,13 @@ def pytest_configure() -> None:
 LONG = ("tests/extras/test_install.py", "tests/lab/commands/test_resuming.py", "tests/cli/test_trials.py")
 # Folders whose tests run in one process: they take free ports and multicast, share one slow export, or drive browsers.
 TOGETHER = ("tests/live/", "tests/lab/hmd_vae/", "tests/web/")
+# Files whose fixtures or tests take a minute, of which each is for one process, too.
+WHOLE = ("tests/extras/test_blender_headless.py", "tests/core/test_builds.py", "tests/lab/commands/test_arms.py")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put long files first."""
-    items.sort(key=lambda item: not item.nodeid.startswith(LONG))
+    """Put long files first, then long folders and files of one process, so that all processes end together."""
+    items.sort(key=lambda item: 2 - item.nodeid.startswith((*TOGETHER, *WHOLE)) - 2 * item.nodeid.startswith(LONG))
 
 
 class ByFile(LoadScopeScheduling):

@@ -259,14 +259,6 @@ def beast(legs: int, length: float, tail: int) -> str:
     return swinging(bones)
 
 
-@pytest.mark.parametrize(("legs", "length", "tail"), [(2, 1.0, 5), (2, 1.4, 0), (2, 0.7, 8), (4, 1.0, 0), (5, 0.8, 0)])
-def test_animals_are_refused(legs: int, length: float, tail: int) -> None:
-    with pytest.raises(
-        BodysenseError, match=r"^dog.bvh: not a humanoid: two legs and two arms were not found; if it is a body, "
-    ):
-        of(beast(legs, length, tail), "dog.bvh")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("wide", [False, True])
 def test_ten_thousand_joints_take_seconds(wide: bool) -> None:
