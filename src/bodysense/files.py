@@ -1,11 +1,13 @@
-"""Files: atomic writing, checks of paths before any work, and checked reading of text."""
+"""Files: atomic writing, checks of paths before any work, checked reading of text, and compiled libraries."""
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import json
 import os
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,6 +22,7 @@ HUGE = 1e9  # larger angles and positions, in any unit, are damaged values
 _GZIP = b"\x1f\x8b"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _ZIP = b"PK\x03\x04"
+_LIBRARY_ENDINGS = {"win32": ".dll", "darwin": ".dylib"}  # by `sys.platform`; else .so
 
 
 def check_place(path: str | Path) -> Path:
@@ -195,3 +198,15 @@ def _is_running(process: int) -> bool:
     except OSError:
         return True
     return True
+
+
+def load_library(name: str) -> ctypes.CDLL:
+    """Load a compiled library of the package, "_core" or "_fbx". Raises BodysenseError, with the fix, if it fails."""
+    path = Path(__file__).parent / f"{name}{_LIBRARY_ENDINGS.get(sys.platform, '.so')}"
+    try:
+        return ctypes.CDLL(str(path))
+    except OSError as error:
+        raise BodysenseError(
+            f"the compiled library {path} cannot be loaded ({error}); install bodysense with `pip install .`, or run "
+            "`python scripts/build_core.py` in a clone"
+        ) from None
