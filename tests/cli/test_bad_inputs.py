@@ -97,7 +97,7 @@ BAD = {
     "serve --port 0 --smoothing nan": "--smoothing nan: give seconds, 0 to 0.5",
     "serve --port 0 --floor nan": "floor nan m",
     "serve --port 0 --vmc-out here": "--vmc-out here: give HOST:PORT",
-    "serve --port 0 --vrchat-trackers tail": "--vrchat-trackers tail: 'tail' is not a tracker of VRChat",
+    "serve --port 0 --vrchat-trackers tail": "'tail' is not a tracker of VRChat; give a list of hip",
     "calibrate --wait nan": "--wait nan: give 0 to 600 seconds",
     "calibrate --watch kinect": "--watch kinect: give one of slimevr, solarxr, vmc, vmt, vrchat",
     "convert motion.bvh -o out.bvh --rate 1e-9": "--rate 1e-09: give frames a second, 0.1 to 10000",
