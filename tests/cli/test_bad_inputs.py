@@ -20,7 +20,7 @@ BAD = {
     "": "give one of bench, calibrate",
     "dance": "dance: unknown command; see bodysense --help",
     "tack motion.bvh": "tack: unknown command; did you mean track?",
-    "data": "data: give one of fingers, info",
+    "data": "data: give one of info, joints",
     "data inf motion.bvh": "inf: unknown command; did you mean info?",
     "evaluate": "evaluate: give one of amass-p1, completion",
     "bench stp": "stp: unknown command; did you mean step?",
