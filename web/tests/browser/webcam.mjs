@@ -1,5 +1,6 @@
 /** A webcam on the page alone, fed from a film, and one that shows nobody: node webcam.mjs FOLDER FILM PICTURE */
 
+import { writeFile } from "node:fs/promises";
 import { launched, scenario, serveFolder } from "./page.mjs";
 
 const [folder, film, picture] = process.argv.slice(2);
@@ -10,7 +11,12 @@ const options = { viewport: { width: 420, height: 320 } };
 /** Fewer pictures still: MediaPipe draws by the same processor. */
 const slow = (page) =>
   page.addInitScript(() => {
-    window.requestAnimationFrame = (call) => setTimeout(() => call(performance.now()), 700);
+    window.drawn = 0; // pictures
+    const drawn = (call) => {
+      call(performance.now());
+      window.drawn++;
+    };
+    window.requestAnimationFrame = (call) => setTimeout(drawn, 700, call);
   });
 const until = (page, id, part) =>
   page.waitForFunction(([where, what]) => document.querySelector(where).textContent.includes(what), [id, part], {
@@ -56,7 +62,8 @@ await scenario(
     const [, points] = /(\d+) points/.exec(summary);
     const notice = await page.textContent("#notice-text");
     await page.dispatchEvent("#record", "click");
-    await page.waitForTimeout(12_000);
+    await page.waitForFunction(() => window.most >= 36, null, { polling: 100 }); // 16 of the body, 20 of a hand
+    await page.waitForTimeout(3000);
     await page.dispatchEvent("#record", "click");
     await until(page, "#camera-says", "You are seen");
     await page.screenshot({ path: picture });
@@ -77,15 +84,20 @@ await scenario(
 );
 site.close();
 
-/** The switch at the webcam's picture: how much picture and body change by it, how much without it, and what is kept. */
+/** The switch at the webcam's picture: what is kept; on which side of the body, which is paused, the raised hand is drawn
+ * before and after; how far both pictures of the webcam are apart, as they are and with the later one flipped.
+ */
 async function mirrored(page) {
   await page.dispatchEvent("#play", "click"); // the body stands still
-  const look = async () => {
-    await page.waitForTimeout(3000);
+  const look = async (isMirrored) => {
+    await page.waitForFunction(
+      (pressed) => document.getElementById("camera-mirror").getAttribute("aria-pressed") === pressed,
+      String(isMirrored),
+      { polling: 100 },
+    );
+    const body = await stillBody(page);
     const small = await page.evaluate(() => document.getElementById("camera-picture").toDataURL());
-    await page.evaluate(() => (document.getElementById("camera").style.visibility = "hidden"));
-    const body = (await page.screenshot()).toString("base64");
-    await page.evaluate(() => (document.getElementById("camera").style.visibility = ""));
+    await writeFile(`${picture}.${isMirrored ? "mirrored" : "plain"}.png`, Buffer.from(body, "base64"));
     return { small, body: `data:image/png;base64,${body}` };
   };
   const states = () =>
@@ -94,26 +106,55 @@ async function mirrored(page) {
       document.getElementById("mirrored").checked,
       JSON.parse(localStorage.getItem("bodysense.page") ?? "{}").mirroredWebcam ?? null,
     ]);
-  const [first, second, before] = [await look(), await look(), await states()];
+  const [first, before] = [await look(true), await states()];
   await page.dispatchEvent("#camera-mirror", "click");
-  const [third, after] = [await look(), await states()];
-  const apart = (one, other, isFlipped = false) => page.evaluate(difference, [one, other, isFlipped]);
+  const [second, after] = [await look(false), await states()];
   return {
     states: [before, after],
-    body: [await apart(first.body, second.body), await apart(first.body, third.body)],
-    picture: [await apart(first.small, third.small), await apart(first.small, third.small, true)],
+    raised: [await page.evaluate(raisedSide, first.body), await page.evaluate(raisedSide, second.body)],
+    picture: await page.evaluate(differences, [first.small, second.small]),
   };
 }
 
-/** Mean difference of two pictures, the second one flipped or not. */
-async function difference([one, other, isFlipped]) {
-  const pixels = async (address, isTurned) => {
+/** A picture of the 3-D view alone, once its camera has stopped: two pictures in a row are equal. */
+async function stillBody(page) {
+  const view = await page.addStyleTag({ content: "body * { visibility: hidden } #view { visibility: visible }" });
+  let [before, now] = ["", null];
+  while (before !== now) {
+    before = now;
+    const after = (await page.evaluate(() => window.drawn)) + 2;
+    await page.waitForFunction((count) => window.drawn >= count, after, { polling: 100 });
+    now = (await page.screenshot()).toString("base64");
+  }
+  await view.evaluate((style) => style.remove());
+  return now;
+}
+
+/** How far the upper fifth of a body reaches to the right of its middle and to the left, in pixels. */
+async function raisedSide(address) {
+  const image = await createImageBitmap(await (await fetch(address)).blob());
+  const context = new OffscreenCanvas(image.width, image.height).getContext("2d");
+  context.drawImage(image, 0, 0);
+  const { data } = context.getImageData(0, 0, image.width, image.height);
+  const body = []; // [x, y] of pixels that are darker than floor and paper
+  for (let pixel = 0; pixel < data.length / 4; pixel++)
+    if (data[4 * pixel + 1] < 180) body.push([pixel % image.width, Math.floor(pixel / image.width)]);
+  const [top, bottom] = [body[0][1], body.at(-1)[1]];
+  const [middle] = body.toSorted(([one], [other]) => one - other)[Math.floor(body.length / 2)];
+  const upper = body.filter(([, y]) => y < top + (bottom - top) / 5).map(([x]) => x - middle);
+  return [Math.max(...upper), -Math.min(...upper)];
+}
+
+/** Mean differences of two pictures: as they are, and with the second one flipped. */
+async function differences([one, other]) {
+  const pixels = async (address, isFlipped) => {
     const image = await createImageBitmap(await (await fetch(address)).blob());
     const context = new OffscreenCanvas(image.width, image.height).getContext("2d");
-    context.setTransform(isTurned ? -1 : 1, 0, 0, 1, isTurned ? image.width : 0, 0);
+    context.setTransform(isFlipped ? -1 : 1, 0, 0, 1, isFlipped ? image.width : 0, 0);
     context.drawImage(image, 0, 0);
     return context.getImageData(0, 0, image.width, image.height).data;
   };
-  const [a, b] = [await pixels(one, false), await pixels(other, isFlipped)];
-  return a.reduce((sum, value, k) => sum + Math.abs(value - b[k]), 0) / a.length;
+  const before = await pixels(one, false);
+  const apart = (after) => before.reduce((sum, value, k) => sum + Math.abs(value - after[k]), 0) / before.length;
+  return [apart(await pixels(other, false)), apart(await pixels(other, true))];
 }
