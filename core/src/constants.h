@@ -230,6 +230,8 @@
 #define STEP_LOOSE 0.3F        /* probability of contact up to which contact is doubtful */
 #define STEP_SURE 0.9F         /* and from which it is sure: that of people who stand still */
 #define STEP_STRAIN 0.03F      /* m·s; a foot that strains more steps: 10 cm too far for 0.3 s. 0.008: false steps */
+#define STEP_DRAGGED 1.0F      /* s; a foot that its leg drags by 3 cm steps. 0: feet of real headsets glide half as often
+                                  again. 2: more false steps of the head alone */
 #define STEP_SPAN 0.35F        /* s; a step lasts as long at least. 0.3: knees jump by over 5 cm a frame */
 #define STEP_SPEED 0.4F        /* m/s; mean speed of a long step, as which it lasts longer */
 #define STEP_TOE 0.2F          /* m; the toe's distance from the ankle: a turning foot moves by as much for a radian */

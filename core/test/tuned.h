@@ -38,6 +38,7 @@ static const struct tuned {
     {"STEP_SURE", 0.888, step_sure},
     {"STEP_RADIUS", 0.267, step_radius},
     {"STEP_STRAIN", 0.03, step_strain},
+    {"STEP_DRAGGED", 0.036, step_dragged},
     {"STEP_SPAN", 0.35, step_span},
     {"STEP_SPEED", 0.4, step_speed},
     {"STEP_TOE", 10, step_toe},

@@ -174,7 +174,7 @@ static float strain_of(double off, double went, double turn, double contact) {
     float sine, cosine;
     sine_cosine((float)turn, &sine, &cosine);
     put_down(&s, (carrier){vec(0, 1.6F, 0), 1, 0}, vec(0, 0, 0));
-    strain_foot(&s, (carrier){vec((float)went, 1.6F, 0), cosine, sine}, (float)contact, 1.0F);
+    strain_foot(&s, (carrier){vec((float)went, 1.6F, 0), cosine, sine}, (float)contact, 1.0F, 0.0F);
     return s.strain;
 }
 
@@ -191,6 +191,20 @@ static foot_step step_from(double strain, double off, double turn) {
     foot_state s[2] = {{.strain = (float)strain, .slide = vec((float)off, 0, 0), .turn = (float)turn}, {.held = 1}};
     begin_step(s);
     return s[0].step;
+}
+
+/* How far a leg drags a foot before it steps (m), and 6 mm that the foot gives up: both follow the body at 0.4 m/s. */
+static double step_dragged(const bs_model *m) {
+    stand s = flat_feet(1);
+    int frames = 0;
+    (void)m;
+    hold(&s, 100);
+    for (; !steps(&s.state[0]) && frames < FOREVER; frames++) {
+        shift(&s, 0, vec(0.4F * TICK, 0, 0));
+        s.body.head.x += 0.4F * TICK;
+        hold(&s, 1);
+    }
+    return 0.4 * (double)TICK * frames - foot_drag_standing(m);
 }
 
 static double step_strain(const bs_model *m) { (void)m; LEAST(0, 1, step_from(at, 0.1, 0).span > 0); }

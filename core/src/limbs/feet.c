@@ -75,7 +75,7 @@ void hold_feet(const foot foot[2], carrier body, float floor, float interval, fl
         foot_state *s = &state[k];
         bool fresh = part[k] == 0 || part[k] != s->held, stepping = steps(s) && !f->seen;
         vec3 before = s->slide;
-        float drop = 0.0F, lift = 0.0F;
+        float drop = 0.0F, lift = 0.0F, dragged = 0.0F;
         s->slide = given_back(s->slide, fade, interval);
         if (part[k] == 0 || fresh || f->turned) s->turn *= fade;
         if (stepping) lift = advance_step(s, interval);
@@ -86,12 +86,14 @@ void hold_feet(const foot foot[2], carrier body, float floor, float interval, fl
             if (!stepping) {
                 if (!fresh) s->slide = scale(sub(s->anchor, at), leak);
                 s->slide.y = 0.0F;
-                s->slide = limited(s->slide, fmaxf(drag, length(given_back(before, fade, interval))));
+                vec3 whole = s->slide;
+                s->slide = limited(whole, fmaxf(drag, length(given_back(before, fade, interval))));
+                dragged = length(whole) - length(s->slide);
             }
             s->anchor = add(at, s->slide);
             float contact = part[k] == 1 ? f->ankle_contact : f->ball_contact;
             if (fresh || stepping) put_down(s, body, s->anchor);
-            else strain_foot(s, body, fmaxf(f->ankle_contact, f->ball_contact), interval);
+            else strain_foot(s, body, fmaxf(f->ankle_contact, f->ball_contact), interval, dragged);
             drop = too_high(at.y, rest_height(f, part[k]), floor, sole);
             drop *= clamp((contact - FOOT_RELEASE) / (FOOT_SURE - FOOT_RELEASE), 0.0F, 1.0F);
         } else s->strain = 0.0F;

@@ -25,13 +25,14 @@ static float turned_away(const foot_state *s, carrier body) {
     return fmaxf(s->turn < 0.0F ? angle : -angle, 0.0F);
 }
 
-void strain_foot(foot_state *s, carrier body, float contact, float interval) {
+void strain_foot(foot_state *s, carrier body, float contact, float interval, float dragged) {
     float off = length(s->slide), sure = clamp((contact - STEP_LOOSE) / (STEP_SURE - STEP_LOOSE), 0.0F, 1.0F);
     float confirmed = carried(s, body, scale(unit(s->slide), -1.0F)) - STEP_SWAY;
     float apart = fminf(off, fmaxf(confirmed, 0.0F));
     float twisted = STEP_RADIUS * fminf(fabsf(s->turn), turned_away(s, body));
     float least = STEP_LEAST + (STEP_LEAST_SURE - STEP_LEAST) * sure;
     s->strain = fmaxf(s->strain + interval * (sqrtf(apart * apart + twisted * twisted) - least), 0.0F);
+    if (confirmed > 0.0F) s->strain += STEP_DRAGGED * dragged;
 }
 
 void begin_step(foot_state state[2]) {

@@ -12,8 +12,9 @@
 /* Note where the body is when a foot is put down at `anchor`. */
 void put_down(foot_state *s, carrier body, vec3 anchor);
 
-/* Strain a foot that stands for a frame: `contact` is the probability that it does. */
-void strain_foot(foot_state *s, carrier body, float contact, float interval);
+/* Strain a foot that stands for a frame: `contact` is the probability that it does, `dragged` how far (m) the leg drags it
+ * along the floor in this frame. */
+void strain_foot(foot_state *s, carrier body, float contact, float interval, float dragged);
 
 /* Begin the step of the foot that strains more, if it strains enough and the other one stands. */
 void begin_step(foot_state state[2]);
