@@ -30,7 +30,7 @@ from .server.wearers import Wearer, until, worn
 
 ROOT = Path(__file__).parents[2]
 ANSWERED = 2.0  # s until each wearer is answered, or told why
-COUNT, SECONDS = 3, 3.0  # wearers; s of disturbance
+COUNT, SECONDS = 3, 2.5  # wearers; s of disturbance, more than `ANSWERED`
 
 
 @dataclass
