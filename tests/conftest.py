@@ -60,11 +60,13 @@ def pytest_configure() -> None:
 LONG = ("tests/extras/test_install.py", "tests/lab/commands/test_resuming.py", "tests/cli/test_trials.py")
 # Folders whose tests run in one process: they take free ports and multicast, share one slow export, or drive browsers.
 TOGETHER = ("tests/live/", "tests/lab/hmd_vae/", "tests/web/")
+# Files whose fixtures or tests take a minute, of which each is for one process, too.
+WHOLE = ("tests/extras/test_blender_headless.py", "tests/core/test_builds.py", "tests/lab/commands/test_arms.py")
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put long files first."""
-    items.sort(key=lambda item: not item.nodeid.startswith(LONG))
+    """Put long files first, then long folders and files of one process, so that all processes end together."""
+    items.sort(key=lambda item: 2 - item.nodeid.startswith((*TOGETHER, *WHOLE)) - 2 * item.nodeid.startswith(LONG))
 
 
 class ByFile(LoadScopeScheduling):
@@ -227,76 +229,6 @@ def small_network(exported_once: ExportedOnce) -> Path:
     return exported_once("small.onnx", lambda path: write_onnx(network, path, {"licence": "Apache-2.0"}))
 
 
-@pytest.fixture(scope="session")
-def small_vae(exported_once: ExportedOnce) -> Path:
-    """HMD-VAE's model 2, small and untrained, exported; its weights are next to it as .pt."""
-    import torch
-
-    from bodysense_lab.core.checkpoint import write_weights_file
-    from bodysense_lab.papers.hmd_vae.export import write_vae_onnx
-    from bodysense_lab.papers.hmd_vae.network import BodyVae
-    from bodysense_lab.papers.hmd_vae.options import BodyVaeConfig
-
-    torch.manual_seed(0)
-    card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing", "expected_error": [0.05] * 22}
-    card |= {"validation_position_cm": 9.0, "within_position_cm": 8.0}
-    network = BodyVae(BodyVaeConfig(model=2, latent=4, width=16, sequence_width=8, length=8)).eval()
-    for name, parameter in network.named_parameters():
-        if name.endswith("gate"):
-            torch.nn.init.constant_(parameter, 0.5)  # else the blocks do nothing
-
-    def write(path: Path) -> None:
-        write_weights_file(network, path.with_suffix(".pt"), card)
-        write_vae_onnx(network, path, card)
-
-    return exported_once("vae/model2.onnx", write)
-
-
-@pytest.fixture(scope="session")
-def small_arms_weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """PAHMT's weights, small and never trained (.pt)."""
-    import torch
-
-    from bodysense_lab.core.checkpoint import write_weights_file
-    from bodysense_lab.papers.pahmt.network import ArmNetwork
-    from bodysense_lab.papers.pahmt.options import ArmNetworkConfig
-
-    torch.manual_seed(0)
-    config = ArmNetworkConfig(
-        width=16,
-        layers=1,
-        heads=2,
-        spatial_width=8,
-        spatial_layers=1,
-        spatial_heads=2,
-        rotation="6d",
-        more_inputs=True,
-        from_directions=True,
-        from_palms=True,
-    )
-    network = ArmNetwork(config).eval()
-    with torch.no_grad():  # so that rotations differ from frame to frame
-        list(network.head.parameters())[-2].mul_(20.0)
-    card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing"}
-    card |= {"validation": {"overall_m": 0.05, "hands_m": 0.02}}
-    path = tmp_path_factory.mktemp("arms") / "arms.pt"
-    write_weights_file(network, path, card)
-    return path
-
-
-@pytest.fixture(scope="session")
-def small_arms(exported_once: ExportedOnce, small_arms_weights: Path) -> Path:
-    """Export the network, which takes half a minute: for slow tests."""
-    from bodysense_lab.papers.pahmt.export import write_arms_onnx
-    from bodysense_lab.papers.pahmt.network import read_arms
-
-    def write(path: Path) -> None:
-        network, card = read_arms(small_arms_weights)
-        write_arms_onnx(network.eval(), path, card)
-
-    return exported_once("arms/arms.onnx", write)
-
-
 @pytest.fixture
 def quick_completion(monkeypatch: pytest.MonkeyPatch) -> None:
     """Train the completion network on four sequences at once instead of 96, judge errors by a second of each scene,
@@ -332,23 +264,6 @@ def short_training(quick_completion: None, in_threads: None, monkeypatch: pytest
 
     for module in ("unoc.network.export", "hmd_vae.export", "pahmt.export", "two_hands.train"):
         monkeypatch.setattr(f"bodysense_lab.papers.{module}.export", export)
-
-
-@pytest.fixture(scope="session")
-def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with every network of UNOC's tables, tiny."""
-    import torch
-
-    from bodysense_lab.core.checkpoint import write_weights_file
-    from bodysense_lab.papers.unoc.network.network import BodyNetwork
-    from bodysense_lab.papers.unoc.network.variants import VARIANTS
-
-    folder = tmp_path_factory.mktemp("networks")
-    torch.manual_seed(0)
-    for name, variant in VARIANTS.items():
-        config = replace(variant.config, hidden=8, branch=(8,), judge_branch=(8,))
-        write_weights_file(BodyNetwork(config, default_skeleton()), folder / f"{name}.pt", {})
-    return folder
 
 
 @pytest.fixture(scope="session")

@@ -1,11 +1,13 @@
-"""Files: atomic writing, checks of paths before any work, and checked reading of text."""
+"""Files: atomic writing, checks of paths before any work, checked reading of text, and compiled libraries."""
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import json
 import os
 import re
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,6 +22,7 @@ HUGE = 1e9  # larger angles and positions, in any unit, are damaged values
 _GZIP = b"\x1f\x8b"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _ZIP = b"PK\x03\x04"
+_LIBRARY_ENDINGS = {"win32": ".dll", "darwin": ".dylib"}  # by `sys.platform`; else .so
 
 
 def check_place(path: str | Path) -> Path:
@@ -122,6 +125,20 @@ def write_json(path: str | Path, content: Any) -> None:
         beside.write_text(text + "\n", encoding="utf-8")
 
 
+def read_json(path: str | Path, fix: str, option: str = "") -> Any:
+    """Return the value in a JSON file.
+
+    Raises BodysenseError, with the fix and beginning with the `option` that names the file, for any other file.
+    """
+    name = f"{option} {path}".lstrip()
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise BodysenseError(f"{name} cannot be read ({error.strerror}); {fix}") from None
+    except (ValueError, RecursionError) as error:
+        raise BodysenseError(f"{name} is not JSON ({error}); {fix}") from None
+
+
 def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, fix: str = "cut it in parts") -> bytes:
     """Return the content of a file of at most `largest` bytes.
 
@@ -195,3 +212,15 @@ def _is_running(process: int) -> bool:
     except OSError:
         return True
     return True
+
+
+def load_library(name: str) -> ctypes.CDLL:
+    """Load a compiled library of the package, "_core" or "_fbx". Raises BodysenseError, with the fix, if it fails."""
+    path = Path(__file__).parent / f"{name}{_LIBRARY_ENDINGS.get(sys.platform, '.so')}"
+    try:
+        return ctypes.CDLL(str(path))
+    except OSError as error:
+        raise BodysenseError(
+            f"the compiled library {path} cannot be loaded ({error}); install bodysense with `pip install .`, or run "
+            "`python scripts/build_core.py` in a clone"
+        ) from None

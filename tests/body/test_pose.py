@@ -18,7 +18,7 @@ from bodysense.geometry.rotation import (
 )
 
 BODY = default_skeleton()
-SHAPES = [(), (3, 1, 2), (0,), (300,)]  # many frames are done in blocks
+SHAPES = [(), (3, 1, 2), (0,), (300,)]
 
 
 def random_pose(shape: tuple[int, ...] = (), seed: int = 0, skeleton: Skeleton = BODY) -> Pose:

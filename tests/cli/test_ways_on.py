@@ -34,7 +34,6 @@ SOURCES = Path(bodysense.__file__).parent
 COMMAND = re.compile(
     r"\b(?:bodysense [a-z]+(?= )|python -c|gunzip|iconv|blender -b|pip install|dask scheduler|python scripts)"
 )
-OPTION = re.compile(r"\b(?:give|choose one with|say the axes with)\b[^;]*--[a-z]|\(--[a-z-]+ (?:overrides|keeps)")
 # Fragments of messages whose way on runs in another test, or cannot run in a test.
 ELSEWHERE = {
     "a video; complete it": "video: tests/cli/test_video.py tracks one",
@@ -43,7 +42,7 @@ ELSEWHERE = {
     "in a clone of the repository: pip install": "installs a package",
     "this Pillow writes no WebP": "installs a package",
     "the compiled core": "builds the core: every run of the tests did",
-    "FBX files are read by a compiled library": "builds the core: every run of the tests did",
+    "the compiled library": "builds the core: every run of the tests did",
     "is not read; convert it with Blender": "Debian's Blender reads no USD and no Collada",
     "convert it once: python -c": "objects in an archive: tests/io reads one by its command",
     "no Dask scheduler answers": "tests/test_parallel.py runs one",

@@ -20,7 +20,6 @@ PARTS = (
 FLAGS = ("-std=c11", "-O1", "-ffp-contract=off", "-fno-math-errno")
 BODY_POINTS, JOINTS, HAND_POINTS = 25, 22, 40
 
-_FRAME = [("origin", "<f4", 3), ("turn", "<f4", 2)]
 TRACKED = np.dtype(
     [
         ("base", "<f8", 3),

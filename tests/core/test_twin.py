@@ -65,7 +65,7 @@ def check(case: Case) -> None:
 
 @pytest.mark.parametrize("device", DEVICES)
 @given(data=st.data())
-@settings(max_examples=4, derandomize=True)
+@settings(max_examples=3, derandomize=True)  # 63 draws of all devices
 def test_core_equals_its_twin(device: str, data: st.DataObject) -> None:
     check(data.draw(cases(device, 7)))
 

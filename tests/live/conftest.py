@@ -198,9 +198,3 @@ def connect() -> Iterator[Connecting]:
             return Client(socket, welcome)
 
         yield call
-
-
-@pytest.fixture
-def connect_to(connect: Connecting) -> Connecting:
-    """`connect`, for tests that define another fixture of this name."""
-    return connect

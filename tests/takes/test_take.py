@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import get_args
@@ -262,10 +260,3 @@ def test_reading_and_writing(short: Clip, three_points: Observation, tmp_path: P
     assert isinstance(recording, Recording) and not recording.known
     with pytest.raises(BodysenseError, match="complete it first"):
         write(tmp_path / "b.bvh", recording)
-
-
-def test_importing_the_library_imports_nothing_else() -> None:
-    """Modules are imported when they are first used."""
-    code = "import sys, bodysense; print(*sorted(n for n in sys.modules if n.startswith(('numpy', 'bodysense'))))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["bodysense"]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from array_api_compat import array_namespace, device
 
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import expect
+from bodysense.files import load_library
 from bodysense.geometry.rotation import (
     Array,
     quaternion_conjugate,
@@ -18,12 +21,7 @@ from bodysense.geometry.rotation import (
     quaternion_rotate,
 )
 
-_BLOCK = 128 * 65  # points of all frames of a block, so that it stays in the processor's cache
-_AHEAD, _BEHIND = [1, 2, 0], [2, 0, 1]  # the axes of a cross product
-# Component k of the first factor of a quaternion product is multiplied by these components of the second, in this order
-# and with these signs.
-_SECOND = ([0, 1, 2, 3], [1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0])
-_SIGNS = np.array([[1, 1, 1, 1], [-1, 1, -1, 1], [-1, 1, 1, -1], [-1, -1, 1, 1]], dtype=float)[:, :, None, None]
+_Pointer = ctypes.c_void_p
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,46 +67,34 @@ def forward_kinematics(pose: Pose, rest_offset: Array | None = None) -> tuple[Ar
 
 
 def _kinematics_of_frames(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (..., P, 3) and rotations (..., J, 4) of frames, in blocks that stay in the cache.
-
-    Components come first and frames last, so that each operation runs over frames. A frame's result does not depend on
-    the number of frames.
-    """
+    """Return positions (..., P, 3) and rotations (..., J, 4) of frames; each is independent of the other frames."""
     skeleton, shape = pose.skeleton, pose.rotation.shape[:-2]
-    given = pose.rotation.reshape(-1, *pose.rotation.shape[-2:])
-    root = np.broadcast_to(pose.root_position, (*shape, 3)).reshape(-1, 3)
-    frames = len(given)
-    position = np.empty((frames, len(skeleton.points), 3))
-    rotation = np.empty((frames, len(skeleton.joints), 4))
-    carriers, bones = list(skeleton.parents[1:]), skeleton.rest_offset[1:].T[:, :, None]
-    levels = [(joints, [skeleton.parents[joint] for joint in joints]) for joints, _ in skeleton.levels[1:]]
-    sites = list(range(len(skeleton.joints), len(skeleton.points)))
-    site_parents = [skeleton.parents[site] for site in sites]
-    ahead, behind, size = bones[_AHEAD], bones[_BEHIND], max(1, _BLOCK // len(skeleton.points))
-    for start in range(0, frames, size):
-        block = slice(start, start + size)
-        world = np.array(given[block].transpose(2, 1, 0), order="C")  # (4, J, N), a copy; local until its level is done
-        for joints, above in levels:
-            world[:, joints] = _product(world[:, above], world[:, joints])
-        rotation[block] = world.transpose(2, 1, 0)
-        w, *axis = world[:, carriers]
-        first, second = np.stack([axis[k] for k in _AHEAD]), np.stack([axis[k] for k in _BEHIND])
-        twice = 2 * (first * behind - second * ahead)
-        place = np.zeros((3, len(skeleton.points), world.shape[-1]))
-        place[:, 1:] = bones + w * twice + first * twice[_BEHIND] - second * twice[_AHEAD]
-        place[:, 0] = root[block].T
-        for points, above in (*levels, (sites, site_parents)):
-            place[:, points] += place[:, above]
-        position[block] = place.transpose(2, 1, 0)
-    return position.reshape(*shape, *position.shape[1:]), rotation.reshape(*shape, *rotation.shape[1:])
+    joints, points = len(skeleton.joints), len(skeleton.points)
+    rotation = np.ascontiguousarray(pose.rotation)
+    root = np.ascontiguousarray(np.broadcast_to(pose.root_position, (*shape, 3)), np.float64)
+    if rotation.shape != (*shape, joints, 4):
+        raise ValueError(f"rotations {rotation.shape} are not those of {joints} joints")
+    position, world = np.empty((*shape, points, 3)), np.empty((*shape, joints, 4))
+    parents = np.array(skeleton.parents, np.int32)
+    tree = _Tree(joints, points, parents.ctypes.data, skeleton.rest_offset.ctypes.data)
+    arrays = (values.ctypes.data for values in (root, rotation, position, world))
+    _core().bs_place_frames(ctypes.byref(tree), root.size // 3, *arrays)
+    return position, world
 
 
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the product of quaternions (4, J, N), whose components come first: equal to `quaternion_multiply`'s."""
-    whole = a[0] * b
-    for k in (1, 2, 3):
-        whole += _SIGNS[k] * b[_SECOND[k]] * a[k]
-    return whole
+class _Tree(ctypes.Structure):
+    """`bs_tree`."""
+
+    _fields_ = [("joints", ctypes.c_int32), ("points", ctypes.c_int32), ("parent", _Pointer), ("rest_offset", _Pointer)]
+
+
+@lru_cache(maxsize=1)
+def _core() -> ctypes.CDLL:
+    """Return the compiled core, whose function for many frames is not part of `bodysense.h`."""
+    loaded = load_library("_core")
+    loaded.bs_place_frames.restype = None
+    loaded.bs_place_frames.argtypes = [ctypes.POINTER(_Tree), ctypes.c_size_t, *[_Pointer] * 4]
+    return loaded
 
 
 def world_rotation(pose: Pose, joint: int) -> Array:

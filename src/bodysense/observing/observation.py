@@ -83,8 +83,8 @@ class Observation:
         """Return the fields without `block`: a copy's arrays are no longer parts of it."""
         return {**self.__dict__, "block": None}
 
-    def __getitem__(self, key: slice) -> Observation:
-        """Return the frames `key` (a slice) of all people."""
+    def __getitem__(self, key: slice | np.ndarray) -> Observation:
+        """Return the frames `key` (a slice or indices) of all people."""
         return replace(
             self,
             position=self.position[..., key, :, :],

@@ -30,6 +30,7 @@ from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, 
 from bodysense.sources.signals import Signal, check_size, refuse, signal_from
 from bodysense.takes.fitting import fit_hips
 from bodysense.takes.marker_body import fit_markers
+from bodysense.takes.thinning import at_all_frames, kept_frames
 from bodysense.takes.two_way import complete_both_ways, concatenate_estimates
 from bodysense.takes.worn_markers import SeenMarkers
 from bodysense.tracking.estimate import Estimate
@@ -254,7 +255,13 @@ def _track_signal(signal: Signal, completion: Completion, markers: MarkerSource 
     _check_height(observation, settings.floor)
     if not signal.infer:
         completion = replace(completion, settings=replace(settings, infer=False))
-    estimate, believed = _complete(observation, signal.person, completion, interval)
+    if markers is not None and not completion.causal and _is_fitted(observation, markers):
+        kept = kept_frames(observation.time, interval, settings.longest_gap)
+        tracked = observation[kept]
+        estimate, believed = _complete(tracked, signal.person, completion, _interval(tracked, settings))
+        estimate = estimate if len(kept) == len(observation) else at_all_frames(estimate, kept, observation)
+    else:
+        estimate, believed = _complete(observation, signal.person, completion, interval)
     pose = pose_on(estimate, believed)
     if markers is not None and not completion.causal:
         fitted = _fit_to_markers(pose, observation, markers, interval, is_known=signal.person.is_known)
@@ -288,8 +295,7 @@ def _fit_to_markers(
     are known, are fitted to markers on the skin.
     """
     points, _, measured, turned = observed_points(observation, pose.skeleton)
-    error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
-    if {"head", "left_hip", "right_hip"} <= set(error) and error["head"] >= error["left_hip"]:
+    if _hips_are_surest(observation):
         beside = round(_FADED / interval)
         root, rotation = np.zeros_like(pose.root_position), np.zeros_like(pose.rotation)
         for first in range(0, len(root), _BLOCK):
@@ -311,6 +317,18 @@ def _fit_to_markers(
         markers.found.world.to_ours(raw.position[:, columns]), observation.points, observation.position, accuracy
     )
     return fit_markers(pose, seen, interval, is_known=is_known)
+
+
+def _hips_are_surest(observation: Observation) -> bool:
+    """Whether the hips of markers are at least as certain as the head."""
+    error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
+    return {"head", "left_hip", "right_hip"} <= set(error) and bool(error["head"] >= error["left_hip"])
+
+
+def _is_fitted(observation: Observation, markers: MarkerSource) -> bool:
+    """Whether the body is fitted to markers on the skin in every frame, hips first (`_fit_to_markers`)."""
+    layout = None if markers.found is None else markers.found.layout
+    return layout is not None and layout.is_on_skin and _hips_are_surest(observation)
 
 
 def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Estimate:

@@ -36,6 +36,9 @@ BESIDE = 5.0  # s before and after a window that are completed with it; the back
 _EASE = 1e-4  # s; points that are seen again are reached at once, and the rest of the body is still eased
 FADE = 1.0  # s of the crossfade between windows
 _FRAMES = 60  # frames in one call of the pass that infers the person
+# Parts of `_FRAMES` from which the person is inferred, spread over the take. Proportions from all frames of a longer
+# take are no nearer to the true ones: on clips of CMU, means of 2 to 12 mm with half as many parts and with all.
+_PARTS = 60
 _ARRAYS = ("points", "measured", "confidence", "bound", "contact", "rest_offset")
 
 
@@ -207,12 +210,12 @@ def complete_both_ways(
     """
     frames, done = len(observation), 0
     infers = settings.infer and bool(person.bone_deviation.any() or person.mounts)
-    passes = 3 if infers else 2
+    steps = 2 * frames + infers * min(frames, _PARTS * _FRAMES)
 
     def advance_by(more: int) -> None:
         nonlocal done
         done += more
-        advance(done // passes, frames)
+        advance(min(done * frames // steps, frames), frames)
 
     if infers:
         person = infer_person(observation, person, network, settings, advance_by)
@@ -227,10 +230,11 @@ def infer_person(
     settings: TrackerSettings,
     advance: Callable[[int], None] = lambda frames: None,
 ) -> Person:
-    """Infer unknown properties of a person in one pass over all frames."""
+    """Infer unknown properties of a person in one pass over all frames, or over parts of a long take."""
     tracker = Tracker(person, network, settings)
-    state = tracker.start()
-    for first in range(0, len(observation), _FRAMES):
+    state, starts = tracker.start(), range(0, len(observation), _FRAMES)
+    for k in sorted({round(place) for place in np.linspace(0, len(starts) - 1, _PARTS).tolist()}):
+        first = starts[k]
         part = observation[first : first + _FRAMES]
         _, state = tracker.step(part, state)
         advance(len(part))

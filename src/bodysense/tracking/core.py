@@ -16,6 +16,7 @@ import numpy as np
 from bodysense.body.person import SENSOR, Person
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.files import load_library
 from bodysense.geometry.rigid import RigidTransform
 from bodysense.observing.observation import Observation
 
@@ -24,7 +25,6 @@ POINTS, JOINTS, CONTACTS, LENGTHS = 65, 52, 4, 32
 ALIGNMENT = 64  # bytes
 HUGE_PAGE = 2**21  # bytes
 OK, STATE_FOREIGN, TIME_DISORDERED = 0, 6, 7
-LIBRARIES = {"win32": "_core.dll", "darwin": "_core.dylib"}  # by `sys.platform`; else _core.so
 
 _Pointer, _Size = ctypes.c_void_p, ctypes.c_size_t
 
@@ -134,24 +134,13 @@ _FUNCTIONS: dict[str, tuple[Any, Sequence[Any]]] = {
 @lru_cache(maxsize=1)
 def library() -> ctypes.CDLL:
     """Load the compiled core, once. Raises BodysenseError if it was not built or is of another version."""
-    import sys
-    from importlib.resources import as_file, files
-
-    name = LIBRARIES.get(sys.platform, "_core.so")
-    try:
-        with as_file(files("bodysense").joinpath(name)) as path:
-            loaded = ctypes.CDLL(str(path))
-    except OSError as error:
-        raise BodysenseError(
-            f"the compiled core {name} cannot be loaded ({error}); install bodysense with `pip install .`, or run "
-            "`python scripts/build_core.py` in a clone"
-        ) from None
+    loaded = load_library("_core")
     for function, (result, arguments) in _FUNCTIONS.items():
         found = getattr(loaded, function)
         found.restype, found.argtypes = result, list(arguments)
     if loaded.bs_version() != VERSION:
         raise BodysenseError(
-            f"the compiled core {name} has version {loaded.bs_version()}, wanted {VERSION}; install bodysense again, "
+            f"the compiled core has version {loaded.bs_version()}, wanted {VERSION}; install bodysense again, "
             "or run `python scripts/build_core.py` in a clone"
         )
     return loaded

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
+from filled_frames import filled_frames
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.hands.glove import default_glove, template
@@ -29,15 +28,6 @@ def flat_gap_filler(hand: Skeleton, fading: float | None = FADING) -> GapFiller:
     return GapFillerStack((NetworkGapFiller(Flat(), (hand,), fading=fading), RigidGapFiller(FLAT)))
 
 
-def run(gap_filler: GapFiller, frames: np.ndarray) -> np.ndarray:
-    state: Any = gap_filler.start(frames.shape[1])
-    filled = []
-    for frame in frames:
-        one, state = gap_filler.fill(frame, INTERVAL, state)
-        filled.append(one)
-    return np.stack(filled)
-
-
 def bent_hand() -> np.ndarray:
     """Return markers (9, 3) m of a hand with a bent index finger, which the network predicts as straight."""
     bent = FLAT.copy()
@@ -47,14 +37,14 @@ def bent_hand() -> np.ndarray:
 
 def prediction_alone(hand: Skeleton, frames: np.ndarray) -> np.ndarray:
     """Return the network's own prediction of the index finger's tip in the last frame."""
-    return run(flat_gap_filler(hand), frames[-1:])[0, 0, 5]
+    return filled_frames(flat_gap_filler(hand), frames[-1:])[0, 0, 5]
 
 
 def test_half_of_an_error_remains_after_eight_seconds_by_default(hand: Skeleton) -> None:
     bent, count = bent_hand(), round(8 / INTERVAL)
     frames = np.tile(bent, (count + 2, 1, 1, 1))
     frames[1:, 0, 5] = np.nan
-    filled, predicted = run(flat_gap_filler(hand), frames)[-1, 0, 5], prediction_alone(hand, frames)
+    filled, predicted = filled_frames(flat_gap_filler(hand), frames)[-1, 0, 5], prediction_alone(hand, frames)
     np.testing.assert_allclose(filled - predicted, 0.5 * (bent[5] - predicted), rtol=0.01)
 
 
@@ -63,7 +53,7 @@ def test_an_error_fades_and_found_markers_are_unchanged(hand: Skeleton) -> None:
     frames = np.tile(bent, (80, 1, 1, 1))
     frames[10:60, 0, 5] = np.nan
     frames[60:, 0, 5] += 0.05
-    filled = run(flat_gap_filler(hand, fading=0.5), frames)[:, 0, 5]
+    filled = filled_frames(flat_gap_filler(hand, fading=0.5), frames)[:, 0, 5]
     predicted = prediction_alone(hand, frames[:60])
     share = 0.5 ** (np.arange(50) * INTERVAL / 0.5)  # the first hidden frame is where it was
     np.testing.assert_allclose(filled[10:60], predicted + share[:, None] * (bent[5] - predicted), atol=1e-6)
@@ -79,7 +69,7 @@ def test_a_found_marker_does_not_increase_the_error_of_others(hand: Skeleton, ot
     frames = np.tile(bent, (60, 1, 1, 1))
     frames[10:, 0, 5] = np.nan
     frames[20:40, 0, other] = np.nan
-    filled = run(flat_gap_filler(hand, fading=None), frames)[:, 0, 5]
+    filled = filled_frames(flat_gap_filler(hand, fading=None), frames)[:, 0, 5]
     np.testing.assert_allclose(filled[:40], np.tile(bent[5], (40, 1)), atol=1e-6)
     predicted = prediction_alone(hand, frames)
     assert np.linalg.norm(filled[40:] - predicted, axis=-1).max() < np.linalg.norm(bent[5] - predicted) + 1e-6
@@ -92,13 +82,15 @@ def test_the_error_turns_with_the_hand(hand: Skeleton) -> None:
     frames = (bent @ turns.swapaxes(1, 2) + np.linspace(0, 0.5, 60)[:, None, None])[:, None]
     truth = frames[:, 0].copy()
     frames[20:, 0, 5] = np.nan
-    np.testing.assert_allclose(run(flat_gap_filler(hand, fading=None), frames)[:, 0], truth, atol=1e-5)
+    np.testing.assert_allclose(filled_frames(flat_gap_filler(hand, fading=None), frames)[:, 0], truth, atol=1e-5)
 
 
 def test_one_hand_does_not_disturb_another(hand: Skeleton) -> None:
     rng = np.random.default_rng(1)
     frames = FLAT + rng.normal(scale=0.02, size=(100, 2, 9, 3))
     frames[np.repeat(rng.random((20, 2, 9)) < 0.3, 5, axis=0)] = np.nan
-    both = run(flat_gap_filler(hand), frames)
+    both = filled_frames(flat_gap_filler(hand), frames)
     for k in range(2):
-        np.testing.assert_allclose(both[:, k], run(flat_gap_filler(hand), frames[:, k : k + 1])[:, 0], atol=1e-6)
+        np.testing.assert_allclose(
+            both[:, k], filled_frames(flat_gap_filler(hand), frames[:, k : k + 1])[:, 0], atol=1e-6
+        )

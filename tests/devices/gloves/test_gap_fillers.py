@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
+from filled_frames import filled_frames
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.hands.glove import default_glove, template
@@ -16,16 +15,6 @@ from bodysense.errors import BodysenseError
 from bodysense_lab.papers.two_hands.score.baselines import AffineCombination, LastKnown, MovingAverage
 
 
-def run(gap_filler: GapFiller, frames: np.ndarray, interval: float = 1 / 60) -> np.ndarray:
-    """Fill frames (T, H, 9, 3) in order."""
-    state: Any = gap_filler.start(frames.shape[1])
-    filled = []
-    for frame in frames:
-        one, state = gap_filler.fill(frame, interval, state)
-        filled.append(one)
-    return np.stack(filled)
-
-
 def hide(markers: np.ndarray, start: int, stop: int, *which: int) -> np.ndarray:
     """Return markers (T, 9, 3) as one hand (T, 1, 9, 3), with some hidden in frames `start` to `stop`."""
     frames = markers[:, None].copy()
@@ -34,10 +23,10 @@ def hide(markers: np.ndarray, start: int, stop: int, *which: int) -> np.ndarray:
 
 
 def test_last_known_position_is_kept(markers: np.ndarray) -> None:
-    filled = run(LastKnown(), hide(markers, 20, 40, 3, 5))[:, 0]
+    filled = filled_frames(LastKnown(), hide(markers, 20, 40, 3, 5))[:, 0]
     np.testing.assert_array_equal(filled[20:40, 3], np.tile(markers[19, 3], (20, 1)))
     np.testing.assert_array_equal(filled[40:], markers[40:])
-    never = run(LastKnown(), hide(markers, 0, 5, 2))
+    never = filled_frames(LastKnown(), hide(markers, 0, 5, 2))
     assert np.isnan(never[:5, 0, 2]).all()
 
 
@@ -47,13 +36,13 @@ def test_moving_average_continues_an_accelerated_path() -> None:
     frames = np.zeros((60, 1, 9, 3))
     frames[..., 0] = place[:, None, None]
     frames[40:50, :, 2] = np.nan
-    filled = run(MovingAverage(), frames)[:, 0, 2, 0]
+    filled = filled_frames(MovingAverage(), frames)[:, 0, 2, 0]
     step = (place[39] - place[19]) / 20
     np.testing.assert_allclose(filled[40:50], place[39] + step * np.arange(1, 11), atol=1e-12)
     np.testing.assert_array_equal(filled[50:], place[50:])
     # Twice the frame rate.
     double = np.repeat(frames, 2, axis=0)[1:]
-    assert np.isfinite(run(MovingAverage(), double, 1 / 120)).all()
+    assert np.isfinite(filled_frames(MovingAverage(), double, 1 / 120)).all()
 
 
 def test_moving_average_restarts_when_a_marker_is_found_again() -> None:
@@ -61,12 +50,12 @@ def test_moving_average_restarts_when_a_marker_is_found_again() -> None:
     frames[3:5, 0, 0] = np.nan
     frames[5:, 0, 0, 1] = 5.0  # 5 m away, which must not count as a step
     frames[6:, 0, 0] = np.nan
-    np.testing.assert_array_equal(run(MovingAverage(), frames)[6:, 0, 0], np.tile([0.0, 5.0, 0.0], (4, 1)))
+    np.testing.assert_array_equal(filled_frames(MovingAverage(), frames)[6:, 0, 0], np.tile([0.0, 5.0, 0.0], (4, 1)))
 
 
 def test_affine_combination_equals_ridge_regression(markers: np.ndarray) -> None:
     hidden, known = [2, 6], [0, 1, 3, 4, 5, 7, 8]
-    filled = run(AffineCombination(), hide(markers, 20, 40, *hidden))[:, 0]
+    filled = filled_frames(AffineCombination(), hide(markers, 20, 40, *hidden))[:, 0]
     before = markers[19] - markers[19, known].mean(axis=0)
     rows = np.concatenate([before[known], np.ones((7, 1))], axis=1)
     wanted = np.concatenate([before[hidden], np.ones((2, 1))], axis=1)
@@ -84,26 +73,28 @@ def test_affine_combination_is_exact_for_rigid_motion_and_rotates_with_the_hand(
     still = np.tile(markers[10], (30, 1, 1))
     turns = Rotation.from_rotvec(np.linspace(0, 2, 30)[:, None] * [0.2, 1.0, 0.3]).as_matrix()
     moving = still @ turns.swapaxes(1, 2) + np.linspace(0, 1, 30)[:, None, None]
-    filled = run(AffineCombination(), hide(moving, 5, 30, 1, 4))[:, 0]
+    filled = filled_frames(AffineCombination(), hide(moving, 5, 30, 1, 4))[:, 0]
     np.testing.assert_allclose(filled, moving, atol=1e-4)
     frames = hide(markers[:60], 20, 50, 0, 8)
     turn, shift = Rotation.from_quat(np.random.default_rng(0).normal(size=4)).as_matrix(), np.array([3.0, -1.0, 10.0])
     np.testing.assert_allclose(
-        run(AffineCombination(), frames @ turn.T + shift), run(AffineCombination(), frames) @ turn.T + shift, atol=1e-7
+        filled_frames(AffineCombination(), frames @ turn.T + shift),
+        filled_frames(AffineCombination(), frames) @ turn.T + shift,
+        atol=1e-7,
     )
 
 
 def test_affine_combination_uses_the_frame_before_and_needs_one_marker(markers: np.ndarray) -> None:
     frames = hide(markers[:60], 20, 40, 3)
     frames[30:45, :, 5] = np.nan  # a second marker is hidden, then the first one is found
-    filled = run(AffineCombination(), frames)
+    filled = filled_frames(AffineCombination(), frames)
     assert np.isfinite(filled).all()
     np.testing.assert_array_equal(filled[~np.isnan(frames)], frames[~np.isnan(frames)])
     nothing = hide(markers[:30], 20, 30, *range(9))
-    assert np.isnan(run(AffineCombination(), nothing)[20:]).all()
+    assert np.isnan(filled_frames(AffineCombination(), nothing)[20:]).all()
     one = hide(markers[:30], 20, 30, *range(1, 9))
     alone = np.repeat(markers[20:30, :1], 9, axis=1)  # the only combination of one marker
-    np.testing.assert_allclose(run(AffineCombination(), one)[20:, 0], alone, atol=1e-6)
+    np.testing.assert_allclose(filled_frames(AffineCombination(), one)[20:, 0], alone, atol=1e-6)
 
 
 class ConstantNetwork:
@@ -161,7 +152,7 @@ def test_the_rigid_gap_filler_moves_and_relaxes_the_last_shape(hand: Skeleton, m
     natural = natural_markers(default_glove(), hand)
     gap_filler = RigidGapFiller(natural, hold=0.5, relaxing=1.0)
     frames = hide(np.concatenate([markers[:30], np.tile(markers[30], (120, 1, 1))]), 30, 150, *range(9))
-    filled = run(gap_filler, frames)[:, 0]
+    filled = filled_frames(gap_filler, frames)[:, 0]
     np.testing.assert_allclose(filled[30:58], np.tile(markers[29], (28, 1, 1)), atol=1e-9)
     between = np.linalg.norm(filled[-1][:, None] - filled[-1], axis=-1)
     np.testing.assert_allclose(between, np.linalg.norm(natural[:, None] - natural, axis=-1), atol=1e-9)
@@ -169,8 +160,8 @@ def test_the_rigid_gap_filler_moves_and_relaxes_the_last_shape(hand: Skeleton, m
     assert np.linalg.norm(np.diff(filled[30:], axis=0), axis=-1).max() < 0.005
     one = hide(markers[:40], 30, 40, *range(1, 9))
     shift = (markers[30:40, 0] - markers[29, 0])[:, None]
-    np.testing.assert_allclose(run(gap_filler, one)[30:40, 0], markers[29] + shift, atol=1e-9)
-    never = run(gap_filler, np.full((3, 1, 9, 3), np.nan))
+    np.testing.assert_allclose(filled_frames(gap_filler, one)[30:40, 0], markers[29] + shift, atol=1e-9)
+    never = filled_frames(gap_filler, np.full((3, 1, 9, 3), np.nan))
     np.testing.assert_allclose(never, np.tile(natural, (3, 1, 1, 1)), atol=1e-9)
 
 
@@ -178,16 +169,18 @@ def test_a_stack_fills_markers_that_are_still_missing(hand: Skeleton, markers: n
     frames = hide(markers[:40], 20, 30, *range(9))
     frames[10:15, :, 3] = np.nan
     stack = GapFillerStack((AffineCombination(), LastKnown()))
-    filled = run(stack, frames)
-    np.testing.assert_array_equal(filled[10:15], run(AffineCombination(), frames)[10:15])  # filled by the first
+    filled = filled_frames(stack, frames)
+    np.testing.assert_array_equal(
+        filled[10:15], filled_frames(AffineCombination(), frames)[10:15]
+    )  # filled by the first
     np.testing.assert_array_equal(filled[20:30, 0], np.tile(markers[19], (10, 1, 1)))
-    other = run(GapFillerStack((LastKnown(), AffineCombination())), frames)
-    np.testing.assert_array_equal(other, run(LastKnown(), frames))
+    other = filled_frames(GapFillerStack((LastKnown(), AffineCombination())), frames)
+    np.testing.assert_array_equal(other, filled_frames(LastKnown(), frames))
 
 
 @pytest.mark.parametrize("gap_filler", [LastKnown(), MovingAverage(), AffineCombination()])
 def test_hands_of_a_batch_are_independent(gap_filler: GapFiller, markers: np.ndarray) -> None:
     one, other = hide(markers[:60], 20, 40, 1, 2), hide(markers[60:120], 10, 45, 0, 5, 8)
-    both = run(gap_filler, np.concatenate([one, other], axis=1))
-    np.testing.assert_allclose(both[:, :1], run(gap_filler, one), atol=1e-9)
-    np.testing.assert_allclose(both[:, 1:], run(gap_filler, other), atol=1e-9)
+    both = filled_frames(gap_filler, np.concatenate([one, other], axis=1))
+    np.testing.assert_allclose(both[:, :1], filled_frames(gap_filler, one), atol=1e-9)
+    np.testing.assert_allclose(both[:, 1:], filled_frames(gap_filler, other), atol=1e-9)

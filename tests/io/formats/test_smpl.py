@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import pickle
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -172,47 +170,6 @@ def test_dictionaries_in_pickles_are_read(tmp_path: Path, vectors: np.ndarray, n
     np.savez(tmp_path / "plain.npz", poses=kept["poses"], transl=kept["transl"])
     found, plain = (read_smpl(tmp_path / one)[0] for one in (name, "plain.npz"))
     np.testing.assert_array_equal(found.pose.rotation, plain.pose.rotation)
-
-
-class Hostile:
-    def __init__(self, function: Callable[..., object], *arguments: object) -> None:
-        self.reduced = function, arguments
-
-    def __reduce__(self) -> tuple[Callable[..., object], tuple[object, ...]]:
-        return self.reduced  # type: ignore[return-value]
-
-
-@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
-def test_no_code_of_a_pickle_runs(tmp_path: Path, protocol: int) -> None:
-    mark = tmp_path / "ran"
-    endless: list[object] = []
-    endless.append(endless)
-    deep: object = 1
-    for _ in range(200):
-        deep = [deep, "x"]
-    for what in (
-        {"poses": Hostile(os.mkdir, str(mark))},
-        {"poses": Hostile(eval, f"__import__('os').mkdir({str(mark)!r})")},
-        {"poses": Hostile(np.memmap, str(mark), "u1", "w+", 0, (4,))},
-        {"poses": Path("a")},
-        {"poses": np.array([1]), "rest": endless},
-        deep,
-    ):
-        (tmp_path / "a.pkl").write_bytes(pickle.dumps(what, protocol))
-        with pytest.raises(BodysenseError, match=r"a\.pkl: "):
-            read(tmp_path / "a.pkl")
-        assert not mark.exists()
-
-
-@pytest.mark.parametrize("cut", [1, 40, 300])
-def test_damaged_pickles_are_refused(tmp_path: Path, vectors: np.ndarray, cut: int) -> None:
-    whole = pickle.dumps({"poses": vectors[:, :24].reshape(-1, 72)})
-    for data in (whole[:-cut], whole[:cut], whole.replace(b"f8", b"O8"), whole.replace(b"\x4b\x5a", b"\x4b\x5b")):
-        if data == whole:
-            continue
-        (tmp_path / "a.pkl").write_bytes(data)
-        with pytest.raises(BodysenseError, match=r"a\.pkl: "):
-            read(tmp_path / "a.pkl")
 
 
 def test_a_short_motion_of_three_frames_is_no_matrix(tmp_path: Path, vectors: np.ndarray) -> None:

@@ -60,15 +60,19 @@ def bones_of(text: str, left: str, right: str, fingers: str = "", hand: str = "*
     return bones
 
 
-def for_each(usual: Iterable[Case], others: Iterable[Case]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+def for_each(
+    usual: Iterable[Case], others: Iterable[Case] = ()
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Decorate a check of one case: the test does all usual ones, and as a slow test all others.
 
     All cases that fail are reported.
     """
-    slow = pytest.param([*others], marks=pytest.mark.slow, id="others")
+    sets = [pytest.param([*usual], id="usual")]
+    if remaining := [*others]:
+        sets.append(pytest.param(remaining, marks=pytest.mark.slow, id="others"))
 
     def decorate(check: Callable[..., None]) -> Callable[..., None]:
-        @pytest.mark.parametrize("cases", [pytest.param([*usual], id="usual"), slow])
+        @pytest.mark.parametrize("cases", sets)
         def test(cases: list[Case]) -> None:
             errors: list[Exception] = []
             for case in cases:

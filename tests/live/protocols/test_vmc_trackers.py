@@ -6,8 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from pythonosc.osc_bundle_builder import IMMEDIATELY, OscBundleBuilder
 from pythonosc.osc_message_builder import OscMessageBuilder
 from scipy.spatial.transform import Rotation
@@ -15,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.osc import bundled, message_bytes
 from bodysense.observing.observation import Observation, check_observation
-from bodysense_live.protocols.vmc import VmcState, VmcTrackers
+from bodysense_live.protocols.vmc import VmcTrackers
 from bodysense_live.sessions.tracked_devices import POINTS, TrackedDevices, read_device_names
 
 READER = VmcTrackers()
@@ -245,15 +243,3 @@ def test_the_number_of_devices_is_limited() -> None:
     assert READER.take(crowd, 0.2, state) == (state, "more than 128 devices in one packet")
     state, reason = READER.take(packet(HEAD), 1.0, state)  # silent devices are replaced
     assert reason is None and "HMD" in state.devices.devices
-
-
-@given(st.lists(st.binary(max_size=120), max_size=8))
-def test_any_bytes_leave_a_usable_state(packets: list[bytes]) -> None:
-    state = VmcState()
-    good = message_bytes("/VMC/Ext/Con/Pos", "sfffffff", "A", *range(7))
-    for k, noise in enumerate(packets):
-        for tried in (noise, good[: len(noise)] + noise, bundled([good])[0] + noise):
-            state, _ = READER.take(tried, 0.01 * k, state)
-            observation = READER.observation(0.01 * k, state)
-            if observation is not None:
-                check_observation(observation)

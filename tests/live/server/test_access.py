@@ -122,24 +122,6 @@ def test_a_websocket_outlives_the_time_for_its_request(server_of: Serving, conne
     assert client.answered(signal(1, 0.0)).sequence == 1
 
 
-def test_the_delay_of_wrong_tokens_doubles(monkeypatch: pytest.MonkeyPatch) -> None:
-    waited: list[float] = []
-
-    async def sleep(seconds: float) -> None:
-        waited.append(seconds)
-
-    async def guess() -> None:
-        throttle = TokenThrottle()
-        for k in range(7):
-            await throttle.delay("10.0.0.1", float(k))
-        await throttle.delay("10.0.0.2", 7.0)
-        await throttle.delay("10.0.0.1", 100.0)
-
-    monkeypatch.setattr("bodysense_live.security.safety.asyncio.sleep", sleep)
-    asyncio.run(guess())
-    assert waited == [0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 8.0, 0.25, 0.25]
-
-
 def test_few_refusals_of_a_key_are_pending() -> None:
     async def guess() -> tuple[bool, list[asyncio.Task[bool]]]:
         throttle = TokenThrottle()

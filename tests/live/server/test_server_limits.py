@@ -6,8 +6,10 @@ import http.client
 import json
 import socket
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from bodysense.errors import BodysenseError
@@ -19,6 +21,8 @@ from bodysense_live.server.messages import Hello
 from bodysense_live.server.settings import ServerSettings
 
 from ..conftest import DEVICES, Address, Connecting, Serving, signal
+
+FRAME = signal(0, 0.0)
 
 
 def closed(client: Any) -> tuple[int, str]:
@@ -39,8 +43,9 @@ def closed(client: Any) -> tuple[int, str]:
     ("message", "code", "expected"),
     [
         (b"", 1007, "0 bytes"),
-        (b"\x02" + write_signal(signal(0, 0.0))[1:], 1007, "kind 2"),
-        (write_signal(signal(0, 0.0))[:-1], 1007, "bytes"),
+        (b"\x02" + write_signal(FRAME)[1:], 1007, "kind 2"),
+        (write_signal(FRAME)[:-1], 1007, "bytes"),
+        (write_signal(replace(FRAME, position=FRAME.position * np.float32(1e6))), 1007, "beyond 1000 m"),
         ("{", 1007, "not JSON"),
         ('{"type":"quit"}', 1007, "type 'quit'"),
         ('{"type":"replay","time":1}', 1007, "watches no replay"),

@@ -163,8 +163,7 @@ def serving_workers(*options: str) -> Iterator[tuple[subprocess.Popen[str], str]
 
 @pytest.mark.alone
 @pytest.mark.slow
-@pytest.mark.parametrize("end", [signal.SIGSTOP, signal.SIGKILL])
-@pytest.mark.parametrize("is_shared", [False, True])
+@pytest.mark.parametrize(("end", "is_shared"), [(signal.SIGSTOP, True), (signal.SIGKILL, False)])
 def test_wearers_of_a_worker_that_hangs_or_ends_resume_in_another(
     end: signal.Signals, is_shared: bool, request: pytest.FixtureRequest
 ) -> None:

@@ -11,8 +11,10 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.osc import bundled, message_bytes
-from bodysense_lab.serving.solarxr_client import request
+from bodysense.observing.observation import check_observation
 from bodysense_live.protocols.slimevr import SlimevrState, take
+from bodysense_live.protocols.solarxr.driver_input import DriverReader, DriverState
+from bodysense_live.protocols.solarxr.driver_messages import is_hello, read_requests
 from bodysense_live.protocols.solarxr.runtime_messages import read_bundle, settings_bundle
 from bodysense_live.protocols.solarxr.solarxr_input import InputReader
 from bodysense_live.protocols.steamvr.vmt import VmtReader
@@ -20,6 +22,7 @@ from bodysense_live.protocols.vmc import VmcTrackers
 from bodysense_live.protocols.vrchat import VrchatReader
 from bodysense_live.sessions.tracked_devices import DeviceReader
 
+from ..protocols.solarxr import client
 from .hostile_clients import corrupted
 
 _POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)
@@ -54,6 +57,12 @@ _SLIMEVR = (
     struct.pack(">IQBBBHBBB2f", 15, 1, 0, 1, 0, 0, 1, 9, 0, 0.0, 0.0),
     struct.pack(">IQBB", 101, 1, 19, 23) + bytes(18),
 )
+_DRIVER = (
+    client.add_tracker("abc", 1, 7),
+    client.tracker_pose(1, (0, 1, 0)),
+    client.register("a", (0, 3), 1),
+    client.connection_message(client.HELLO, 3),
+)
 
 
 def fuzz_packets(count: int, rng: np.random.Generator) -> dict[str, int]:
@@ -62,8 +71,11 @@ def fuzz_packets(count: int, rng: np.random.Generator) -> dict[str, int]:
     for name, (reader, good) in _READERS.items():
         steps[name] = partial(_read, reader, good, rng, [reader.start()])
     steps["slimevr"] = partial(_slimevr, rng, [SlimevrState()])
-    requests = request(starts=1, asks=7), settings_bundle(7)
+    greeted = DriverState(greeted=True, configured=True, name="driver")
+    steps["solarxr driver"] = partial(_read, DriverReader(), _DRIVER, rng, [greeted])
+    requests = client.request(starts=1, asks=7), settings_bundle(7)
     steps["solarxr"] = lambda k: read_bundle(_packet(requests, rng))
+    steps["solarxr requests"] = lambda k: [read(_packet(_DRIVER, rng)) for read in (is_hello, read_requests)]
     for k in range(count):
         name = list(steps)[k % len(steps)]
         try:
@@ -91,12 +103,13 @@ def _read(reader: DeviceReader, good: tuple[bytes, ...], rng: np.random.Generato
     reader.is_whole(now, state[0])
     observation = reader.observation(now, state[0])
     if observation is not None:
-        assert np.isfinite(observation.position[observation.has_position]).all()
-        assert np.isfinite(observation.rotation[observation.has_rotation]).all()
+        check_observation(observation)
 
 
 def _slimevr(rng: np.random.Generator, state: list[SlimevrState], k: int) -> None:
-    taken = take(_packet(_SLIMEVR, rng), _HERE, k * 1e-3, state[0], frozenset())
+    packet = _packet(_SLIMEVR, rng)
+    taken = take(packet, _HERE, k * 1e-3, state[0], frozenset())
     state[0] = taken.state
+    assert sum(map(len, taken.replies)) <= 64 + 14 * len(packet)  # no reply is much larger than its request
     sensors = [one for tracker in taken.state.trackers.values() for one in tracker.sensors.values()]
     assert all(one.rotation is None or np.isfinite(one.rotation).all() for one in sensors)

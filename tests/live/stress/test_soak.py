@@ -36,7 +36,7 @@ def test_open_files_are_counted_and_connections_are_not(tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.alone
 def test_wearers_over_a_bad_network_are_answered_and_resume() -> None:
-    plan = SoakPlan(sessions=4, seconds=25.0, seconds_connected=5.0)
+    plan = SoakPlan(sessions=4, seconds=12.0, seconds_connected=2.5)
     counts = soak(plan, np.random.default_rng(1))
     assert faults(counts, plan) == []
     assert counts.breaks > 2 and counts.resumed > 2
@@ -47,7 +47,7 @@ def test_wearers_over_a_bad_network_are_answered_and_resume() -> None:
 @pytest.mark.alone
 def test_wearers_of_killed_processes_resume_in_another() -> None:
     with storing(free_port()) as address:
-        plan = SoakPlan(sessions=4, seconds=25.0, workers=2, shared=address, seconds_between_kills=10.0)
+        plan = SoakPlan(sessions=6, seconds=15.0, workers=2, shared=address, seconds_between_kills=5.0)
         counts = soak(plan, np.random.default_rng(2))
     assert faults(counts, plan) == []
     assert counts.killed >= 2 and counts.resumed > 2

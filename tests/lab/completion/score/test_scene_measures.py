@@ -13,7 +13,6 @@ from bodysense_lab.completion.score.scripted.scene_scoring import SETS, SceneJob
 from bodysense_lab.completion.score.tracking import TrackedMotion
 
 FEET = [f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe")]
-NEVER = np.zeros((360, 2), dtype=bool)
 
 
 class Case:

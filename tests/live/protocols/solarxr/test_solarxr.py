@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect as open_socket
 from websockets.typing import Origin
@@ -20,7 +18,6 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_exp, quaternion_rotate
-from bodysense_lab.serving.solarxr_client import bundle, request, update
 from bodysense_live.protocols.solarxr.runtime_messages import Requests, Updates, read_bundle, settings_bundle
 from bodysense_live.protocols.solarxr.solarxr_body import BONES, TRACKERS, body_frame, body_layout
 from bodysense_live.protocols.solarxr.solarxr_input import InputReader, read_fields
@@ -32,6 +29,7 @@ from bodysense_live.server.settings import ServerSettings
 from bodysense_live.sessions.tracked_devices import SIGNALS
 
 from ...conftest import Connecting, Serving, free_port
+from .client import bundle, request, update
 
 SKELETON = default_skeleton()
 EYES = between_eyes(SKELETON)
@@ -50,19 +48,6 @@ def test_requests_are_read() -> None:
     assert read_bundle(request()) == Requests(polls=True, settings=(None,))
     assert read_bundle(request(False, 5, 77)) == Requests(interval=0.005, settings=(77,))
     assert read_bundle(b"") == "0 bytes are not a bundle of SolarXR"
-
-
-@given(st.binary(max_size=120), st.integers(0, 150), st.binary(max_size=12))
-def test_any_packet_is_read_without_an_exception(packet: bytes, place: int, changed: bytes) -> None:
-    read_bundle(packet)
-    whole = request(True, 3, 9)
-    place = min(place, len(whole))
-    read_bundle(whole[:place] + changed + whole[place + len(changed) :])
-    reader = InputReader()
-    state, _ = reader.take(packet, 0.0, reader.start())
-    added = message(3, b"\x08\x01" + b"\x20\x13") + changed
-    state, _ = reader.take(added, 0.0, state)
-    reader.observation(0.0, state)
 
 
 def test_settings_switch_trackers_on() -> None:

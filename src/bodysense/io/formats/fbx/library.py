@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ctypes
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
+from bodysense.files import load_library
 
 MOST_NODES = 5000
 IS_BONE, IS_EMPTY, IS_SKINNED, HAS_BIND = 1, 2, 4, 8  # flags of nodes
 TRANSFORM = 10  # translation (3), rotation wxyz (4), scale (3)
 _NODE, _STACK, _SKIN = 0, 1, 2  # kinds of names
-_ENDINGS = {"win32": ".dll", "darwin": ".dylib"}  # by `sys.platform`; else .so
 _MESSAGE = 200  # bytes
 _Pointer, _Size = ctypes.c_void_p, ctypes.c_size_t
 
@@ -40,14 +39,7 @@ class _About(ctypes.Structure):
 @lru_cache(maxsize=1)
 def _library() -> Any:
     """Return the compiled library. Raises BodysenseError with the fix if it is missing."""
-    path = Path(__file__).parents[3] / f"_fbx{_ENDINGS.get(sys.platform, '.so')}"
-    try:
-        library = ctypes.CDLL(str(path))
-    except OSError:
-        raise BodysenseError(
-            f"FBX files are read by a compiled library, which is not at {path}; install the package again, or in a "
-            "clone run: python scripts/build_core.py"
-        ) from None
+    library = load_library("_fbx")
     library.bs_fbx_open.restype = _Pointer
     library.bs_fbx_open.argtypes = [_Pointer, _Size, ctypes.c_char_p, _Size]
     library.bs_fbx_close.argtypes = [_Pointer]
