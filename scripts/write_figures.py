@@ -12,7 +12,6 @@ unchanged. DATA is a folder of motion or a prepared store.
     … the same with --sets mocopi_six dip_six slimevr_five slimevr_six --no-mean-body, into FIGURES/suits.json
     … the same with --split val --bodies own --takes, into FIGURES/validation.json, for the cards of the networks
     bodysense evaluate kinds --data DATA --json FIGURES/kinds.json
-    bodysense evaluate sight --headset DATA/headset --json FIGURES/sight.json
     bodysense evaluate scenes --headset DATA/headset --json FIGURES/scenes.json
     bodysense evaluate holes --data DATA --clips 100 --json FIGURES/holes.json
     bodysense evaluate holes --data DATA --parts fingers --json FIGURES/holes-fingers.json
@@ -20,11 +19,8 @@ unchanged. DATA is a folder of motion or a prepared store.
       (docs/completion.md trains these networks)
     bodysense bench step --json FIGURES/step.json
     bodysense bench ik --json FIGURES/ik.json
-    bodysense bench occlusion --json FIGURES/occlusion.json
-    bodysense bench bvh --json FIGURES/bvh.json
     bodysense bench take --json FIGURES/take.json
     python scripts/figures/first_body.py --json FIGURES/first-body.json
-    bodysense bench import --json FIGURES/import.json
     bodysense bench training --json FIGURES/training.json
     python scripts/figures/measure_hours.py DATA FIGURES/hours.json
     bodysense data info DATA --occlusion --split test --json FIGURES/hidden.json
@@ -50,7 +46,6 @@ networks for each set.
         --json FIGURES/unoc-table6-TRAIN-TEST.json      (TRAIN and TEST: cmu and rocketbox, all four)
     bodysense evaluate finger-synthesis --data DATA --json FIGURES/finger-synthesis.json
     bodysense evaluate transitions --data DATA --json FIGURES/transitions.json
-    bodysense evaluate reliability --data DATA --json FIGURES/reliability.json
     bodysense study build STUDY --scenes 6
     bodysense study simulate STUDY/key.json -o ANSWERS --preference truth=0.76,ours=0.3
     bodysense study analyze STUDY/key.json ANSWERS/*.json --json FIGURES/study.json

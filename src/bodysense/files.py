@@ -125,6 +125,20 @@ def write_json(path: str | Path, content: Any) -> None:
         beside.write_text(text + "\n", encoding="utf-8")
 
 
+def read_json(path: str | Path, fix: str, option: str = "") -> Any:
+    """Return the value in a JSON file.
+
+    Raises BodysenseError, with the fix and beginning with the `option` that names the file, for any other file.
+    """
+    name = f"{option} {path}".lstrip()
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8-sig"))
+    except OSError as error:
+        raise BodysenseError(f"{name} cannot be read ({error.strerror}); {fix}") from None
+    except (ValueError, RecursionError) as error:
+        raise BodysenseError(f"{name} is not JSON ({error}); {fix}") from None
+
+
 def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, fix: str = "cut it in parts") -> bytes:
     """Return the content of a file of at most `largest` bytes.
 

@@ -32,4 +32,3 @@ Count = Annotated[int, within(int, 1, 10_000_000)]  # clips, frames, steps
 Port = Annotated[int, within(int, 0, 65535)]  # 0: any that is free
 Seed = Annotated[int, within(int, 0, 2**32 - 1)]
 Megabytes = Annotated[float, within(float, 1, 1_000_000_000)]
-Hours = Annotated[float, within(float, 0, 1000)]

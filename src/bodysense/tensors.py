@@ -28,11 +28,13 @@ def tensors_of(data: bytes, name: str) -> tuple[dict[str, np.ndarray], dict[str,
             raise ValueError("it ends within its header")
         header = json.loads(data[8 : 8 + size])
         metadata = header.pop("__metadata__", {})
+        if not all(isinstance(text, str) for text in metadata.values()):
+            raise ValueError("its metadata is not text")
         tensors = {}
         for key, entry in header.items():
             first, last = entry["data_offsets"]
             values = np.frombuffer(data[8 + size + first : 8 + size + last], TYPES[entry["dtype"]])
             tensors[key] = values.reshape(entry["shape"])
-    except (struct.error, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (struct.error, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise BodysenseError(f"{name}: not a readable safetensors file ({error}); write or copy it again") from None
     return tensors, metadata

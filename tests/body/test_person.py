@@ -190,7 +190,7 @@ def test_files_that_are_refused(tmp_path: Path, stored: str) -> None:
     refused("cannot be read .*; give a person's file", tmp_path / "none.json")
     refused("cannot be read", tmp_path)
     path.write_bytes(b"\xff\xfe")
-    refused("is not text", path)
+    refused("is not JSON", path)
     path.write_text("[" * 100_000, encoding="utf-8")
     refused("is not JSON", path)
     path.write_text("[]", encoding="utf-8")

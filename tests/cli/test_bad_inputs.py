@@ -20,7 +20,7 @@ BAD = {
     "": "give one of bench, calibrate",
     "dance": "dance: unknown command; see bodysense --help",
     "tack motion.bvh": "tack: unknown command; did you mean track?",
-    "data": "data: give one of fingers, info",
+    "data": "data: give one of info, joints",
     "data inf motion.bvh": "inf: unknown command; did you mean info?",
     "evaluate": "evaluate: give one of amass-p1, completion",
     "bench stp": "stp: unknown command; did you mean step?",
@@ -129,7 +129,7 @@ BAD = {
     "track motion.bvh -o out.bvh --device head --person text.txt": "text.txt is not JSON",
     "track motion.bvh -o out.bvh --device head --person folder": "folder cannot be read",
     "serve --port 0 --person missing.json": "missing.json",
-    "serve --port 0 --device-names text.txt --vmt": "text.txt: a table of devices is a JSON object",
+    "serve --port 0 --device-names text.txt --vmt": "text.txt is not JSON",
     "serve --port 0 --certificate text.txt --key text.txt": "text.txt",
     "serve --port 0 --replay text.txt": "--replay text.txt",
     # weights, before the motion is completed
@@ -189,7 +189,6 @@ OUTSIDE = {
         "simulate motion.bvh -o out.npz --noise --seed",
         "papers generate -o out.bvh --seed",
     ),
-    ("-1", "nan", "inf", "1e9", "long"): ("data fingers -o out.npz --hours",),
     ("0", "-30", "nan", "inf", "1e9", "1e-9", "fast"): (
         "convert motion.bvh -o out.bvh --rate",
         "convert motion.bvh -o out.bvh --file-rate",

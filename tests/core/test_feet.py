@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from people.posed import scripted_pose
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.devices.simulated.sensors import SensorSet
-from bodysense_lab.completion.score.rare_poses import rare_pose
 
 from .scripted import RATE, body_of, bowing, carried, feet, over_rest, tracked
 
@@ -30,14 +30,14 @@ def test_feet_of_a_bowing_body_stay_on_the_floor(height: float) -> None:
 )
 @settings(max_examples=12, derandomize=True)
 def test_no_foot_is_under_the_floor(name: str, height: float, knees: bool) -> None:
-    pose = rare_pose(body_of(height), name)
+    pose = scripted_pose(body_of(height), name)
     points = tracked(pose, THREE_AND_KNEES if knees else "three_point").points
     assert feet(pose.skeleton, points)[..., 1].min() > -1e-4
 
 
 @pytest.mark.parametrize("height", HEIGHTS)
 def test_shins_of_knees_on_the_floor_are_on_the_floor(height: float) -> None:
-    pose = rare_pose(body_of(height), "kneeling_on_both")
+    pose = scripted_pose(body_of(height), "kneeling_on_both")
     skeleton, points = pose.skeleton, tracked(pose, THREE_AND_KNEES).points
     knees = np.asarray(forward_kinematics(pose)[0])[:, skeleton.indices(["left_knee", "right_knee"]), 1].max(axis=1)
     low = feet(skeleton, points)[..., 1].reshape(-1, 3, 2).min(axis=1)[knees < 0.1]

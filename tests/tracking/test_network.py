@@ -51,7 +51,7 @@ def write(tmp_path: Path) -> Write:
 
 def test_steps_carry_the_state(write: Write) -> None:
     network = Network.open(write(), FORMAT)
-    assert network.batched and network.name == "sums.onnx"
+    assert network.name == "sums.onnx"
     assert set(network.inputs) == {"value", "state_sum", "state_seen"}
     assert network.card == {"rate": 30, "state": STATE, "note": "none"}
     state = network.start(4)
@@ -82,10 +82,9 @@ def test_cards_of_older_files_start_the_same(write: Write) -> None:
         np.testing.assert_array_equal(found[name], values)
 
 
-@pytest.mark.parametrize(("axis", "batch", "batched"), [("batch", None, True), ("batch", 2, False), (2, None, False)])
-def test_the_batch_axis(write: Write, axis: str | int, batch: int | None, batched: bool) -> None:
+@pytest.mark.parametrize(("axis", "batch"), [("batch", None), ("batch", 2), (2, None)])
+def test_the_batch_axis(write: Write, axis: str | int, batch: int | None) -> None:
     network = Network.open(write(batch=axis), FORMAT, batch=batch)
-    assert network.batched == batched
     outputs, _ = network.step({"value": np.zeros((2, 2, 3), dtype=np.float32)}, network.start(2))
     assert outputs["total"].shape == (2, 2, 3)
 

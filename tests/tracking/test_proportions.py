@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from people.posed import seated
 
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
@@ -11,7 +12,7 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.observing.observation import Observation
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.tracker import Tracker, TrackerState
-from bodysense_lab.completion.score.sight.wearers import known_body, rest_heights, seated
+from bodysense_lab.completion.score.sight.wearers import known_body, rest_heights
 
 RATE, SECONDS = 30, 8
 EVERYTHING = SensorSet(default_skeleton().points, ("head",))
@@ -53,7 +54,7 @@ def statures(observation: Observation, person: Person = Person()) -> tuple[np.nd
 
 
 def heads(height: float) -> tuple[float, float]:
-    """Height (m) of the head of a wearer of a stature: standing, and on the seat of `bodysense evaluate sight`."""
+    """Height (m) of the head of a wearer of a stature: standing, and on a seat."""
     skeleton = known_body(height)
     sitting = np.asarray(forward_kinematics(seated(skeleton))[0])[:, skeleton.index("head"), 1].mean()
     return rest_heights(skeleton)[skeleton.index("head")] - 0.01, float(sitting)

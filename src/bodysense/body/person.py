@@ -18,13 +18,14 @@ from bodysense.body.shape import Measured, ShapeEstimate, shape_space
 from bodysense.body.shape import stature as stature_of
 from bodysense.body.skeleton import Skeleton, skeleton_from_table
 from bodysense.errors import BodysenseError, expect
-from bodysense.files import written_beside
+from bodysense.files import read_json, written_beside
 from bodysense.geometry.rigid import RigidTransform
 
 if TYPE_CHECKING:
     from bodysense.body.hands.hand_family import GlovedHand
 
 FORMAT = "bodysense-person-1"
+_FIX = "give a person's file, as Person.save writes it"
 SHORTEST, TALLEST = 1.0, 2.3  # m; heights of a person
 SOLE = 0.05  # m; largest height of a skeleton's lowest point above the sole
 SENSOR = "_imu"  # suffix of a joint that carries an inertial sensor
@@ -215,13 +216,7 @@ class Person:
     @classmethod
     def load(cls, path: str | Path) -> Person:
         """Read a file that `save` wrote. Raises BodysenseError for any other file."""
-        try:
-            text = Path(path).read_text(encoding="utf-8")
-        except OSError as error:
-            raise BodysenseError(f"{path} cannot be read ({error.strerror}); give a person's file") from None
-        except UnicodeDecodeError:
-            raise BodysenseError(f"{path} is not text; give a person's file, as Person.save writes it") from None
-        return cls.from_json(text, str(path))
+        return cls._from_stored(read_json(path, _FIX), str(path))
 
     @classmethod
     def from_json(cls, text: str, name: str = "the text") -> Person:
@@ -229,9 +224,11 @@ class Person:
         try:
             stored = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise BodysenseError(
-                f"{name} is not JSON ({error}); give a person's file, as Person.save writes it"
-            ) from None
+            raise BodysenseError(f"{name} is not JSON ({error}); {_FIX}") from None
+        return cls._from_stored(stored, name)
+
+    @classmethod
+    def _from_stored(cls, stored: Any, name: str) -> Person:
         version = stored.get("format") if isinstance(stored, dict) else None
         if version != FORMAT:
             raise BodysenseError(f"{name}: format {brief(version)}; it must be {FORMAT!r}, as Person.save writes it")

@@ -66,7 +66,9 @@ def spikes(pose: Pose, frame_rate: float) -> list[Found]:
     taken = np.zeros(rotation.shape[:2], dtype=bool)
     found: list[Found] = []
     for width in range(1, WIDEST + 1):
-        for first in _candidates(steps, frames, width):
+        large = steps > 0.4 * SPIKE  # both the step in and the step out, of one joint
+        starts = np.flatnonzero((large[1 : frames - width] & large[1 + width :][: frames - width - 1]).any(axis=1)) + 1
+        for first in starts.tolist():
             end = first + width
             share = (np.arange(width) + 1.0) / (width + 1)
             before, after = rotation[first - 1], rotation[end]
@@ -81,13 +83,6 @@ def spikes(pose: Pose, frame_rate: float) -> list[Found]:
                 taken[first:end, joint] = True
                 found.append((BODY[joint], first, end - 1, float(np.rad2deg(largest[joint]))))
     return found
-
-
-def _candidates(steps: np.ndarray, frames: int, width: int) -> list[int]:
-    """Return first frames of spikes: both the step in and the step out are large for one joint."""
-    large = steps > 0.4 * SPIKE
-    starts = np.flatnonzero((large[1 : frames - width] & large[1 + width :][: frames - width - 1]).any(axis=1)) + 1
-    return starts.tolist()
 
 
 def pops(pose: Pose, frame_rate: float) -> list[Found]:

@@ -70,17 +70,12 @@ def _opened(source: Traversable) -> CompletionModel:
     except BodysenseError as error:
         raise BodysenseError(f"{error}; {wanted}") from None
     try:
-        header, arrays = _parts(weights)
+        length = int.from_bytes(weights[:8], "little")
+        header, arrays = json.loads(weights[8 : 8 + length]), memoryview(weights)[8 + length :]
         _check_finite(header, arrays)
         return CompletionModel(core, {name: _parsed(text) for name, text in header["__metadata__"].items()}, source)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:  # text that is damaged, too
         raise BodysenseError(f"{source}: a damaged weights file ({error}); {wanted}") from None
-
-
-def _parts(weights: bytes) -> tuple[dict[str, Any], memoryview]:
-    """Return the header of a safetensors file, and the bytes of its arrays."""
-    length = int.from_bytes(weights[:8], "little")
-    return json.loads(weights[8 : 8 + length]), memoryview(weights)[8 + length :]
 
 
 def _check_finite(header: dict[str, Any], arrays: memoryview) -> None:

@@ -105,11 +105,6 @@ class Network:
         """Names of the graph's outputs."""
         return tuple(value.name for value in self.session.get_outputs())
 
-    @cached_property
-    def batched(self) -> bool:
-        """Whether the leading axis may have any length."""
-        return not isinstance(self.session.get_inputs()[0].shape[0], int)
-
     def start(self, batch: int = 1) -> dict[str, np.ndarray]:
         """Return the state (batch, …) before the first frame, by input."""
         return {name: np.repeat(values, batch, axis=0) for name, values in self._start.items()}

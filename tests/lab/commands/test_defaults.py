@@ -58,8 +58,8 @@ def test_commands_score_the_test_split() -> None:
     assert CompletionSettings().split == "test"
 
 
-def test_sight_opens_the_given_network(tmp_path: Path, refused) -> None:
-    output = refused("evaluate", "sight", "--model", tmp_path / "missing.safetensors")
+def test_scenes_open_the_given_network(tmp_path: Path, refused) -> None:
+    output = refused("evaluate", "scenes", "--model", tmp_path / "missing.safetensors")
     assert "missing.safetensors: no such" in output
 
 
@@ -68,7 +68,6 @@ def test_sight_opens_the_given_network(tmp_path: Path, refused) -> None:
     [
         ("finger-synthesis", ()),
         ("transitions", ("--jobs", 1)),
-        ("reliability", ("--jobs", 1)),
         ("completion", ("--jobs", 1)),
         ("unoc-table2", ("--jobs", 1)),
         ("unoc-table6", ("--jobs", 1)),

@@ -60,7 +60,7 @@ def test_one_rater_gives_means_only(tmp_path: Path, key: Path, run) -> None:
 
 BAD = {
     "analyze {key}": "no answers are given; name at least one file that the study's page saved",
-    "analyze {key} {cut}": "cut.json: not complete JSON",
+    "analyze {key} {cut}": "cut.json is not JSON",
     "analyze {key} {one} {one}": "rater 'simulated-001' has answered in",
     "analyze {key} {one} --json {folder}/no/n.json": "the folder {folder}/no does not exist",
     "simulate {key} -o {folder}/s --preference theirs=1": "unknown condition 'theirs'; valid are",

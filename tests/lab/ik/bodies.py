@@ -12,6 +12,7 @@ from bodysense_lab.papers.ik.ik import IkSettings, InverseKinematics
 BODY = default_skeleton()
 IK = InverseKinematics(BODY)
 EXACT = InverseKinematics(BODY, IkSettings(tolerance=1e-14, max_iterations=200))
+ONE_STEP = InverseKinematics(BODY, IkSettings(max_iterations=1))
 
 
 def random_pose(rng: np.random.Generator, spread: float = 0.4, skeleton: Skeleton = BODY) -> Pose:

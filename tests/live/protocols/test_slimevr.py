@@ -121,11 +121,9 @@ def test_the_number_of_trackers_is_limited() -> None:
     assert len(state.trackers) == MAX_TRACKERS
 
 
-def test_buttons_batteries_and_features() -> None:
+def test_buttons_and_features() -> None:
     commands = [played(handshake(), struct.pack(">IQB", 21, 1, action)).commands for action in (2, 3, 4, 5)]
     assert commands == [(Calibrate(),), (Recentre(),), (Calibrate(),), ()]
-    level = played(handshake(), struct.pack(">IQ2f", 12, 1, 3.9, 0.75)).state.trackers[SERIAL].battery
-    assert level == 0.75
     assert played(handshake(), struct.pack(">IQB", 22, 1, 7)).replies == (struct.pack(">IQB", 22, 0, 3),)
 
 

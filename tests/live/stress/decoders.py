@@ -20,7 +20,6 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 from bodysense.io.formats.osc import read_packet
-from bodysense_lab.serving.solarxr_client import update
 from bodysense_live.protocols import vmc, vrchat
 from bodysense_live.protocols.solarxr.runtime_messages import Updates
 from bodysense_live.protocols.solarxr.solarxr_body import BodyFrame, body_frame, body_layout
@@ -29,6 +28,8 @@ from bodysense_live.protocols.steamvr.vmt_hands import hand_packet
 from bodysense_live.protocols.vmc import vmc_packets
 from bodysense_live.protocols.vrchat import vrchat_packets
 from bodysense_live.protocols.webxr import between_eyes
+
+from ..protocols.solarxr.client import update
 
 AT_ONCE = 20_000  # packets in one capture for Wireshark
 _POSES = 256  # poses that are generated at a time

@@ -12,7 +12,6 @@ import numpy as np
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.osc import bundled, message_bytes
 from bodysense.observing.observation import check_observation
-from bodysense_lab.serving import solarxr_client as client
 from bodysense_live.protocols.slimevr import SlimevrState, take
 from bodysense_live.protocols.solarxr.driver_input import DriverReader, DriverState
 from bodysense_live.protocols.solarxr.driver_messages import is_hello, read_requests
@@ -23,6 +22,7 @@ from bodysense_live.protocols.vmc import VmcTrackers
 from bodysense_live.protocols.vrchat import VrchatReader
 from bodysense_live.sessions.tracked_devices import DeviceReader
 
+from ..protocols.solarxr import client
 from .hostile_clients import corrupted
 
 _POSE = (0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0)

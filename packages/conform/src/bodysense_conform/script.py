@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from bodysense.errors import BodysenseError
+from bodysense.files import read_json
 from bodysense_conform.subject import Step
 
 _FINGERS = ("index", "middle", "ring", "pinky")
@@ -38,12 +38,7 @@ def read_script(path: Path) -> tuple[Step, ...]:
 
     Raises BodysenseError, naming the step and what would be valid, for other files.
     """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BodysenseError(f"{path}: cannot be read ({error.strerror}); give a script, see docs/conform.md") from None
-    except (ValueError, RecursionError):
-        raise BodysenseError(f"{path}: is not JSON; a script is an object with 'steps', see docs/conform.md") from None
+    document = read_json(path, "give a script, an object with 'steps', see docs/conform.md")
     rows = document.get("steps") if isinstance(document, dict) else None
     if not isinstance(rows, list) or not rows:
         raise BodysenseError(f"{path}: has no 'steps'; a script is an object with a list of them, see docs/conform.md")

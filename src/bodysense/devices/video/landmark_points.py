@@ -75,7 +75,10 @@ class LandmarkPoints:
         chest = quaternion_to_matrix(
             quaternion_multiply(torso_rotation(shoulders, hips), quaternion_conjugate(self._rest_torso))
         )
-        head = _head(mark)
+        # In a level head the nose is as high as the ears.
+        left, right = mark[_MARK["left_ear"]], mark[_MARK["right_ear"]]
+        across, ahead = left - right, mark[_MARK["nose"]] - (left + right) / 2
+        head = _frame(across, np.cross(ahead, across))
         aim("pelvis", pelvis, sure("hip", "shoulder"))
         aim(CHEST, chest, sure("shoulder"))
         aim("head", head, sure("ear"))
@@ -131,13 +134,6 @@ def _frame(across: np.ndarray, up: np.ndarray) -> np.ndarray:
     y = up - (up @ x) * x
     y = y / max(float(np.linalg.norm(y)), 1e-9)
     return np.stack([x, y, np.cross(x, y)], axis=1)
-
-
-def _head(mark: np.ndarray) -> np.ndarray:
-    """Return the head's rotation (3, 3) from landmarks (33, 3). In a level head the nose is as high as the ears."""
-    left, right = mark[_MARK["left_ear"]], mark[_MARK["right_ear"]]
-    across, ahead = left - right, mark[_MARK["nose"]] - (left + right) / 2
-    return _frame(across, np.cross(ahead, across))
 
 
 def with_direction(direction: np.ndarray, bone: np.ndarray) -> np.ndarray:

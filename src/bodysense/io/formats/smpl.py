@@ -274,14 +274,6 @@ def _turns(path: Path, name: str, values: np.ndarray, counts: tuple[int, ...]) -
     return quaternion_exp(vectors)
 
 
-def _place(path: Path, place: tuple[str, np.ndarray], frames: int) -> np.ndarray:
-    name, values = place
-    values = _numbers(path, name, values)
-    if values.size != frames * 3:
-        raise BodysenseError(f"{path}: {name!r} has shape {values.shape}; {frames} frames need ({frames}, 3)")
-    return values.reshape(frames, 3)
-
-
 def _numbers(path: Path, name: str, values: np.ndarray) -> np.ndarray:
     if values.dtype.kind not in "fiu" or not values.size:
         raise BodysenseError(f"{path}: {name!r} is {values.shape} of {values.dtype}; it must be numbers, a row a frame")
@@ -302,7 +294,11 @@ def _path(
     remarks: list[str],
 ) -> tuple[np.ndarray, list[str]]:
     """Return the places (T, 3) m of the root, and warnings: in the unit of the options, scaled, or in centimetres."""
-    metres = _place(path, place, frames)
+    name, values = place
+    values = _numbers(path, name, values)
+    if values.size != frames * 3:
+        raise BodysenseError(f"{path}: {name!r} has shape {values.shape}; {frames} frames need ({frames}, 3)")
+    metres = values.reshape(frames, 3)
     if SCALING in arrays and options.unit is None:
         scale = arrays[SCALING]
         if scale.size != 1 or not float(scale.reshape(-1)[0]) > 0:

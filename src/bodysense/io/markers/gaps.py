@@ -29,7 +29,6 @@ class FilledMarkers:
 
     position: np.ndarray  # (T, M, 3) m, world; NaN where a marker is still missing
     filled: np.ndarray  # (T, M) bool
-    foreign: tuple[int, ...]  # markers with gaps that the body does not carry, or that are never seen
 
 
 def fill_markers(
@@ -45,7 +44,7 @@ def fill_markers(
         rate: Hz.
     """
     seen = np.asarray(np.isfinite(position).all(axis=-1))
-    whole, filled, foreign = position.copy(), np.zeros_like(seen), []
+    whole, filled = position.copy(), np.zeros_like(seen)
     error = np.maximum(error, _JOINT)
     points = _Points(
         _places(position, joint, rotation),
@@ -54,16 +53,14 @@ def fill_markers(
     for marker in np.flatnonzero(~seen.all(axis=0)).tolist():
         known = np.flatnonzero(seen[:, marker])
         if not known.size:
-            foreign.append(marker)
             continue
         spread = _spread(points.place, marker, known)
         if not _is_on_body(points, spread, marker, known, rate):
-            foreign.append(marker)
             continue
         for first, end in runs(~seen[:, marker]):
             whole[first:end, marker] = _bridged(points, spread, marker, first, end, rate)
             filled[first:end, marker] = True
-    return FilledMarkers(whole, filled, tuple(foreign))
+    return FilledMarkers(whole, filled)
 
 
 @dataclass(frozen=True, eq=False)

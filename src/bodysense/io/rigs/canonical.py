@@ -55,7 +55,6 @@ def canonical(
     place: np.ndarray | None = None,
     turns: bool = True,
     must_stand: bool = False,
-    lacking: Collection[str] = (),
 ) -> Clip:
     """Return the clip on the joints and end sites of `default_skeleton()`, with the clip's own proportions.
 
@@ -68,11 +67,10 @@ def canonical(
         place: (T, P, 3) m, positions of its points if its bones stretch, so that kinematics do not give them.
         turns: whether joints turn; otherwise rotations follow from positions.
         must_stand: refuse a clip whose rest pose is not a standing body and that stands in no frame.
-        lacking: our end sites that the clip lacks; others are those that hang on the joint.
 
     Raises BodysenseError if joints are unknown or have no pelvis.
     """
-    return CanonicalForm.of(clip, joints, place, turns, must_stand, lacking).apply(clip, place)
+    return CanonicalForm.of(clip, joints, place, turns, must_stand, ()).apply(clip, place)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +96,10 @@ class CanonicalForm:
         must_stand: bool,
         lacking: Collection[str],
     ) -> CanonicalForm:
-        """Return the form of a clip; arguments as of `canonical`."""
+        """Return the form of a clip; arguments as of `canonical`.
+
+        `lacking` are our end sites that the clip lacks; others are those that hang on the joint.
+        """
         ours, source = default_skeleton(), clip.pose.skeleton
         for name in joints.values():
             ours.index(name)  # raises for a name that is not ours

@@ -18,6 +18,7 @@ import numpy as np
 
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.files import read_json
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import parts_lacking
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
@@ -30,7 +31,7 @@ from bodysense.observing.world_axes import TURNS, UpAxis
 
 _PERSON = (1.3, 2.3)  # m: height of a person
 _CHILD = 0.9  # m: height of a smaller person, allowed in metres, centimetres or millimetres
-_USUAL_HEIGHT = 1.70  # m: height given to a body of unknown unit
+USUAL_HEIGHT = 1.70  # m: height given to a body of unknown unit
 _FLOOR_TOLERANCE = 0.10  # m: soles this close to zero are on the floor
 _UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
 _KNOWN_UNITS = {
@@ -187,12 +188,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND, format_up: UpA
 
 def joint_map(path: Path) -> dict[str, str]:
     """Return a joint map, {name in the file: ours}, without omitted joints. Raises BodysenseError for other files."""
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BodysenseError(f"--joints {path}: cannot be read ({error.strerror})") from None
-    except ValueError as error:
-        raise BodysenseError(f"--joints {path}: not JSON ({error}); draft it with bodysense data joints") from None
+    table = read_json(path, "draft it with bodysense data joints", "--joints")
     if not isinstance(table, dict) or not all(isinstance(ours, str) for ours in table.values()):
         raise BodysenseError(f'--joints {path}: must be one object of names, {{"name in the file": "our name"}}')
     return {given: ours for given, ours in table.items() if ours}
@@ -271,7 +267,7 @@ def _find_unit(height: float, is_cmu: bool) -> tuple[str, float]:
     for name in ("metres", "centimetres", "millimetres"):
         if _CHILD <= height * _KNOWN_UNITS[name] < low:
             return name, _KNOWN_UNITS[name]
-    return "", _USUAL_HEIGHT / height
+    return "", USUAL_HEIGHT / height
 
 
 def _upward(
@@ -281,11 +277,11 @@ def _upward(
 
     Raises BodysenseError if no axis is likely, and for a told axis that the motion contradicts.
     """
-    metres = _USUAL_HEIGHT / size
+    metres = USUAL_HEIGHT / size
     points = {name: point for name, point in points.items() if name in BODY or name.endswith(("_toe", "_top"))}
     names = list(points)
     first, later, moment = moments(len(figure), figure.frame_rate)
-    place, after = (_points_at(figure, points, frames) * metres for frames in (first, later))
+    place, after = (figure.frames(frames).world(list(points.values()))[0] * metres for frames in (first, later))
     by_name = {name: place[:, k] for k, name in enumerate(names)}
     if "left_hip" in points:
         body = _middle(by_name, "shoulder") - _middle(by_name, "ankle")
@@ -304,11 +300,6 @@ def _upward(
     if rest is None:
         found = replace(found, word=None)
     return found.axis, max(found.stands, 0.0 if rest is None else 0.5), doubts(found, "its rest pose")
-
-
-def _points_at(figure: Figure, points: Mapping[str, int], frames: np.ndarray) -> np.ndarray:
-    """Return the positions (N, P, 3) of our points in some frames, file units."""
-    return figure.frames(frames).world(list(points.values()))[0]
 
 
 def _resting_axis(figure: Figure, points: Mapping[str, int]) -> UpAxis | None:
@@ -352,6 +343,6 @@ def _find_floor(place: _Places, size: float, up: UpAxis) -> float:
     soles = [height[name] - _SOLE[part] * leg for name in place if (part := name.partition("_")[2]) in _SOLE]
     # People who lie, crawl or stand on their hands rest on other joints.
     others = [name for name in place if name in BODY and name.partition("_")[2] not in _SOLE]
-    resting = clearance_of(others) * size / _USUAL_HEIGHT
+    resting = clearance_of(others) * size / USUAL_HEIGHT
     lowest = [*soles, *(height[name] - over for name, over in zip(others, resting, strict=True))]
     return float(np.percentile(np.min(lowest, axis=0), 5))

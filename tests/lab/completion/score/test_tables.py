@@ -24,7 +24,6 @@ from bodysense.quality.metrics import jitter
 from bodysense_lab.completion.data.blinks import FINGER, with_finger
 from bodysense_lab.completion.kinds.lattice_scores import choose_scenes
 from bodysense_lab.completion.score import scoring, tables
-from bodysense_lab.completion.score.reliability import draw_reliability
 from bodysense_lab.completion.score.scenes import TrackedScene, scene_of
 from bodysense_lab.completion.score.scoring import evaluate_completion
 from bodysense_lab.completion.score.sight.sight import jump_frames
@@ -239,8 +238,6 @@ def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
     one = table.interval(TABLE_SETS[0], BODIES[0])
     assert sample.data[1].startswith("A sample: 3 of 5 clips.")
     assert not np.isfinite(one.low) or f"between {one.low:.2f} and {one.high:.2f} cm" in sample.data[1]
-    draw_reliability(tmp_path / "reliability.png", table)
-    assert (tmp_path / "reliability.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_a_finger_that_is_never_tracked_changes_nothing(clips: list[Clip]) -> None:
@@ -275,16 +272,16 @@ def test_the_command(
 
     known = partial(evaluate_completion, track=still, times=None)
     monkeypatch.setattr(scoring, "evaluate_completion", known)
-    numbers, measures, picture = tmp_path / "c.json", tmp_path / "c.csv", tmp_path / "c.png"
+    numbers, measures = tmp_path / "c.json", tmp_path / "c.csv"
     arguments = ["evaluate", "completion", "--data", str(tmp_path / "motion"), "--split", "all", "--jobs", "1"]
     arguments += ["--sets", "head", "headset_camera", "--bodies", "own", "nothing", "--limit", "2"]
-    files = ["--json", str(numbers), "--csv", str(measures), "--picture", str(picture)]
+    files = ["--json", str(numbers), "--csv", str(measures)]
     files += ["--keep", str(tmp_path / "kept")]
     assert main([*arguments, *files]) == 0
     found = json.loads(numbers.read_text())
     assert {"head_own_mpjpe_cm", "headset_camera_nothing_ratio", "head_ece", "clips", "cpu_seconds"} <= set(found)
     assert found["clips"] == 2 and not any(name.startswith("head_stranger") for name in found)
-    assert measures.is_file() and picture.is_file() and "hidden joints" in capsys.readouterr().out
+    assert measures.is_file() and "hidden joints" in capsys.readouterr().out
     assert main([*arguments, *files]) == 0  # with saved results of clips
     assert set(found) - set(json.loads(numbers.read_text())) == {"cpu_seconds"}
     assert main([*arguments, "--sets", "nose"]) == 2

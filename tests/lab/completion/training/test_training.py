@@ -23,7 +23,6 @@ from bodysense.observing.observation import INERTIAL_POINTS
 from bodysense_lab.completion.data.batches import collate
 from bodysense_lab.completion.data.corpus import Corpus
 from bodysense_lab.completion.data.corpus_cache import read_corpus
-from bodysense_lab.completion.data.generated_fingers import kept_fingers
 from bodysense_lab.completion.data.points import BODY_POINTS, HEAD, INPUT_POINTS, partners
 from bodysense_lab.completion.data.sensor_draws import (
     KINDS,
@@ -38,7 +37,7 @@ from bodysense_lab.completion.data.sequences import Sequence, SequenceAugmentati
 from bodysense_lab.completion.data.training_bodies import TrainingBody
 from bodysense_lab.completion.networks.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.networks.weights_file import read_weights
-from bodysense_lab.completion.train import MotionData, completion_finger_network, train_completion
+from bodysense_lab.completion.train import completion_finger_network, train_completion
 from bodysense_lab.completion.training.options import CompletionTraining
 from bodysense_lab.completion.training.task import CompletionTask, CompletionTaskConfig
 from bodysense_lab.core.fit import launch_fabric, rate_at
@@ -277,7 +276,7 @@ def test_keep_averages_weights_and_updates_leave_them(tmp_path: Path, monkeypatc
         schedule=Schedule(steps=1, warm_up=1, average_decay=0.0),
     )
     earlier = read_weights(PACKAGED)[0].state_dict()
-    data, fabric = MotionData(partial(read_corpus, run.data), kept_fingers), launch_fabric(1, 1)
+    data, fabric = partial(read_corpus, run.data), launch_fabric(1, 1)
     trained = train_completion(run, fabric, data).state_dict()
     mixed = train_completion(replace(run, keep=0.25), fabric, data).state_dict()
     assert any((trained[name] - earlier[name]).abs().max() > 1e-4 for name in trained)
@@ -314,7 +313,7 @@ def test_updates_are_trained_on_heads_that_are_not_tracked() -> None:
 
 def test_without_steps_fingers_are_those_of_begin_with(tmp_path: Path) -> None:
     run = CompletionTraining(data=tmp_path, out=tmp_path / "net.safetensors", begin_with=PACKAGED, finger_steps=0)
-    data = MotionData(partial(read_corpus, run.data), kept_fingers)
+    data = partial(read_corpus, run.data)
     kept = completion_finger_network(run, launch_fabric(1, 1), data).state_dict()
     assert all(torch.equal(kept[name], one) for name, one in read_weights(PACKAGED)[1].state_dict().items())
     for other in (replace(run, begin_with=None), replace(run, backward=True)):

@@ -18,7 +18,6 @@ from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_exp, quaternion_rotate
-from bodysense_lab.serving.solarxr_client import bundle, request, update
 from bodysense_live.protocols.solarxr.runtime_messages import Requests, Updates, read_bundle, settings_bundle
 from bodysense_live.protocols.solarxr.solarxr_body import BONES, TRACKERS, body_frame, body_layout
 from bodysense_live.protocols.solarxr.solarxr_input import InputReader, read_fields
@@ -30,6 +29,7 @@ from bodysense_live.server.settings import ServerSettings
 from bodysense_live.sessions.tracked_devices import SIGNALS
 
 from ...conftest import Connecting, Serving, free_port
+from .client import bundle, request, update
 
 SKELETON = default_skeleton()
 EYES = between_eyes(SKELETON)

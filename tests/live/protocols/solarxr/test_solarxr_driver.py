@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from bodysense.geometry.rotation import quaternion_rotate
-from bodysense_lab.serving import solarxr_client as client
 from bodysense_live.protocols.solarxr.driver_input import DriverReader, DriverState
 from bodysense_live.protocols.solarxr.driver_messages import (
     BONE_IDS,
@@ -28,6 +27,7 @@ from bodysense_live.protocols.solarxr.solarxr_link import RPC, SolarxrSettings
 from bodysense_live.server.settings import ServerSettings
 
 from ...conftest import Serving
+from . import client
 from .test_solarxr import EYES, SKELETON, standing
 
 LAYOUT = body_layout(SKELETON, EYES)

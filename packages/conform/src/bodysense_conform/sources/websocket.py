@@ -41,7 +41,12 @@ def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
     try:
         if watch is None:
             with connection() as link:
-                watch = _first_input(url, link.recv(timeout=_WAIT))
+                sources = _object(link.recv(timeout=_WAIT)).get("sources") or []
+                if not sources:
+                    raise BodysenseError(
+                        f"{url}: the server has no input of its own to watch; start it with --vmc-in or --replay"
+                    )
+                watch = str(sources[0])
         with connection(watch=watch) as link:
             end = time.monotonic() + seconds
             with suppress(TimeoutError):
@@ -54,14 +59,6 @@ def record_websocket(url: str, seconds: float, watch: str | None) -> Subject:
                 f"{url}: no server answers ({reason[:80]}); start it: bodysense serve --vmc-in 39539"
             ) from None
     return messages_subject(messages, url)
-
-
-def _first_input(url: str, welcome: str | bytes) -> str:
-    """Return the first input that a welcome names."""
-    sources = _object(welcome).get("sources") or []
-    if not sources:
-        raise BodysenseError(f"{url}: the server has no input of its own to watch; start it with --vmc-in or --replay")
-    return str(sources[0])
 
 
 def messages_subject(messages: Sequence[str | bytes], name: str) -> Subject:

@@ -1,4 +1,4 @@
-"""Commands of the laboratory: train, evaluate, papers, bench, study, data prepare, data fingers and data render."""
+"""Commands of the laboratory: train, evaluate, papers, bench, study, data prepare and data render."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ def add_commands(root: SubcommandApp, data: SubcommandApp) -> None:
 
     data.command(info.info)
     data.command(prepare.prepare)
-    data.command(prepare.fingers)
     data.command(rendering.render)
     root.command(train.commands(), name="train", help="Train a network.")
     root.command(evaluate.commands(), name="evaluate", help="Compute a table, next to the published figures.")

@@ -54,17 +54,16 @@ def completion(run: Flat[CompletionTraining]) -> None:
     Training resumes from the checkpoints in the folder of the run. The 6200 steps take an hour and a half of one core.
     """
     from bodysense_lab.completion.data.corpus_cache import read_corpus
-    from bodysense_lab.completion.data.generated_fingers import kept_fingers
     from bodysense_lab.completion.networks.publish import publish, round_network
-    from bodysense_lab.completion.train import MotionData, completion_finger_network, train_completion
+    from bodysense_lab.completion.train import completion_finger_network, train_completion
     from bodysense_lab.completion.training.task import CompletionTask
     from bodysense_lab.core.fit import announce_run
 
     check_place(run.out)
     fabric = announce_run(run, CompletionTask)
-    data = MotionData(partial(read_corpus, run.data, limit=run.limit), kept_fingers)
-    body = train_completion(run, fabric, data)
-    fingers = completion_finger_network(run, fabric, data)
+    corpora = partial(read_corpus, run.data, limit=run.limit)
+    body = train_completion(run, fabric, corpora)
+    fingers = completion_finger_network(run, fabric, corpora)
     if not fabric.is_global_zero:
         return
     card = {"training_data": run.data_note or str(run.data.name), "licence": run.licence}
@@ -85,15 +84,13 @@ def completion_fingers(run: Flat[FingerTraining]) -> None:
     Training resumes from its checkpoint, the .ckpt that is written.
     """
     from bodysense_lab.completion.data.corpus_cache import read_corpus
-    from bodysense_lab.completion.data.generated_fingers import kept_fingers
-    from bodysense_lab.completion.train import MotionData, train_fingers
+    from bodysense_lab.completion.train import train_fingers
     from bodysense_lab.completion.training.task import FingerTask
     from bodysense_lab.core.fit import announce_run
 
     check_place(run.out)
     fabric = announce_run(run, FingerTask)
-    data = MotionData(partial(read_corpus, run.data, limit=run.limit), kept_fingers)
-    train_fingers(run, fabric, data)
+    train_fingers(run, fabric, partial(read_corpus, run.data, limit=run.limit))
     fabric.print(f"wrote {run.out}")
 
 
@@ -127,7 +124,6 @@ def completion_table(
     from bodysense.parallel import parallel_map
     from bodysense_lab.completion.score.baselines import cached_mean_body, count_of_split
     from bodysense_lab.completion.score.clip_results import ClipResults
-    from bodysense_lab.completion.score.reliability import draw_reliability
     from bodysense_lab.completion.score.scoring import evaluate_completion, work_of
     from bodysense_lab.completion.score.tables import CompletionSettings, completion_reports
     from bodysense_lab.completion.score.tracking import PeopleTracker, TakeTracker, step_times
@@ -140,7 +136,7 @@ def completion_table(
         raise BodysenseError("--backward-model: only takes are tracked backward in time; give --takes as well")
     if networks.joining_model is not None and not scope.takes:
         raise BodysenseError("--joining-model: only takes have two answers to join; give --takes as well")
-    check_places(files.json, files.csv, files.picture, files.sheet)
+    check_places(files.json, files.csv, files.sheet)
     track = PeopleTracker(networks.model)
     take_tracker = None
     if scope.takes:
@@ -180,11 +176,9 @@ def completion_table(
     write_numbers(files.json, reports[0].numbers, timed=results is None or not results.resumed)
     if files.csv is not None:
         write_csv(files.csv, reports[1])
-    if files.picture is not None:
-        draw_reliability(files.picture, table)
     if files.sheet is not None:
         draw_worst(files.sheet, table.worst, clips, settings, track, files.worst, files.worst_by)
-    for path in filter(None, (files.json, files.csv, files.picture, files.sheet)):
+    for path in filter(None, (files.json, files.csv, files.sheet)):
         console.print(f"wrote {path}", highlight=False)
 
 
@@ -265,23 +259,6 @@ def amass_p1(
     show(replace(report, numbers=report.numbers | {"clips_in_split": float(len(test))}), json)
 
 
-def sight(headset: Path | None = None, model: Network = None, json: Json = None) -> None:
-    """Score scripted wearers who stand, sit, raise their arms or take rare poses, and heads of real headsets.
-
-    Args:
-        headset: folder of recorded headsets (headset_takes.npz); these rows are left out if omitted.
-    """
-    from rich.console import Console
-
-    from bodysense_lab.completion.score.sight.wearer_scores import score_wearers, sight_report
-    from bodysense_lab.completion.score.tracking import PeopleTracker
-
-    check_places(json)
-    with Console().status("tracking …"):
-        scores = score_wearers(PeopleTracker(model).network, headset)
-    show(sight_report(scores), json)
-
-
 def scenes(
     split: Literal["val", "test"] = "test",
     scenes: Count = 4,
@@ -290,7 +267,6 @@ def scenes(
     headset: Path | None = None,
     model: Network = None,
     sheet: Path | None = None,
-    sheet_set: SceneSetName = "three_point",
     jobs: Processes | None = None,
     json: Json = None,
 ) -> None:
@@ -302,8 +278,7 @@ def scenes(
         sets: sets of sensors; all if omitted.
         kinds: kinds of scenes; all if omitted.
         headset: folder of recorded headsets (headset_takes.npz); left out if omitted.
-        sheet: picture (PNG) of a scene of each kind, the truth over the result.
-        sheet_set: set of sensors of the picture.
+        sheet: picture (PNG) of a scene of each kind, tracked by three points: the truth over the result.
         jobs: processes; one for each core if omitted.
     """
     from bodysense.cli.show import wide_console, write_numbers
@@ -330,7 +305,7 @@ def scenes(
         print_report(report, console)
     write_numbers(json, scene_numbers(scored, headsets))
     if sheet is not None:
-        draw_strips(sheet, scene_jobs(split, chosen, 1), sheet_set, track)
+        draw_strips(sheet, scene_jobs(split, chosen, 1), "three_point", track)
         console.print(f"wrote {sheet}", highlight=False)
 
 

@@ -13,7 +13,6 @@ def commands() -> SubcommandApp:
     group.command(name="completion")(completion.completion_table)
     group.command(completion.kinds)
     group.command(completion.amass_p1)
-    group.command(completion.sight)
     group.command(completion.scenes)
     group.command(name="fingers")(completion.untracked_fingers)
     group.command(completion.holes)
@@ -23,8 +22,8 @@ def commands() -> SubcommandApp:
     group.command(hmd_vae.hmd_vae_figure4)
     for command in (
         *(arms.pahmt_table1, rendering.video_rendered, unoc.unoc_table1, unoc.unoc_table2, unoc.unoc_table3),
-        *(unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness, unoc.reliability),
-        *(unoc.transitions, gloves.gloves_occlusion, gloves.gloves_limits, gloves.gloves_table3),
+        *(unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness, unoc.transitions),
+        *(gloves.gloves_occlusion, gloves.gloves_limits, gloves.gloves_table3),
         *(gloves.gloves_table4, gloves.gloves_layouts, gloves.gloves_fusion, gloves.gloves_settings),
     ):
         group.command(command)

@@ -1,4 +1,4 @@
-"""`bodysense data prepare` and `data fingers`: training data from motion files, and synthesised finger motion."""
+"""`bodysense data prepare`: training data from motion files."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ import tyro
 
 from bodysense.cli.options import Reading, check_rate
 from bodysense.errors import BodysenseError
-from bodysense.files import check_place
 from bodysense.io.datasets.layouts import Layout
 from bodysense.io.reading_options import AS_FOUND
-from bodysense.ranges import Hours, Processes, Seed
-from bodysense_lab.core.options import Output, check_ending
+from bodysense.ranges import Processes
+from bodysense_lab.core.options import Output
 
 Folder = Annotated[Path, tyro.conf.Positional]
 
@@ -62,20 +61,3 @@ def prepare(
         options=reading,
         sources=sources,
     )
-
-
-def fingers(out: Output, hours: Hours = 10.0, seed: Seed = 1) -> None:
-    """Synthesise finger motion of both hands, to train the fingers of completion.
-
-    Args:
-        out: .npz file: local rotations of 30 joints at 30 Hz.
-        hours: length in hours; the first hour is independent of the length.
-        seed: random seed.
-    """
-    from bodysense_lab.completion.data.generated_fingers import generate_fingers, write_fingers
-
-    check_ending(out, ".npz", what="generated motion")
-    check_place(out)
-    made = generate_fingers(hours, seed)
-    write_fingers(out, made)
-    print(f"wrote {out}: {len(made)} frames, {len(made) / 30 / 3600:.3g} h")

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 
     from bodysense_lab.core.table import Cell, Report
     from bodysense_lab.data.datasets import DataSet
-    from bodysense_lab.papers.unoc.ik_tracker import IkTrackerSettings
 
 Piece = TypeVar("Piece")
 
@@ -114,13 +113,6 @@ def show(report: Report, json: Path | None) -> None:
 
     print_report(report, wide_console())
     write_numbers(json, report.numbers)
-
-
-def tracker_settings(half_life: float | None) -> IkTrackerSettings:
-    """Return the settings of UNOC's tracker with a half-life in s; None: its default."""
-    from bodysense_lab.papers.unoc.ik_tracker import IkTrackerSettings
-
-    return IkTrackerSettings() if half_life is None else IkTrackerSettings(half_life=half_life)
 
 
 def print_report(report: Report, console: Console) -> None:

@@ -86,14 +86,9 @@ def card(network: Annotated[Path, tyro.conf.Positional], figures: Path) -> None:
         figures: figures of this network, written with --json by `bodysense evaluate completion`, `finger-synthesis`,
             `unoc-table2`, `unoc-table6` or `hmd-vae`.
     """
-    import json
-
+    from bodysense.files import read_json
     from bodysense_lab.core.model_card import describe
 
     if not network.is_file():
         raise BodysenseError(f"{network}: no such model file; give the .onnx that `bodysense train` wrote")
-    try:
-        numbers = json.loads(figures.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise BodysenseError(f"{figures}: no figures to read ({error}); write them with --json") from None
-    print(f"wrote {describe(network, numbers)}")
+    print(f"wrote {describe(network, read_json(figures, 'write figures with --json'))}")

@@ -18,7 +18,6 @@ from bodysense_lab.commands.reporting import (
     open_sets,
     progress_bar,
     show,
-    tracker_settings,
 )
 from bodysense_lab.core.options import Data, Json, Split, Stride, Table, TableOptions
 
@@ -33,9 +32,6 @@ Sets = Annotated[tuple[str, ...], tyro.conf.arg(help="folders of motion or prepa
 Predictor = Annotated[
     Path | None,
     tyro.conf.arg(help="predictor written by `bodysense train body-gru`; the packaged one if omitted"),
-]
-HalfLife = Annotated[
-    float | None, tyro.conf.arg(help="half-life of the tracker's smoother in seconds; the default one if omitted")
 ]
 Networks = Annotated[Path, tyro.conf.arg(help="folder that `bodysense train unoc-tables` wrote")]
 
@@ -138,30 +134,24 @@ def unoc_smoothness(
     data: Data,
     networks: Networks,
     model: Predictor = None,
-    half_life: HalfLife = None,
     table: Table = TableOptions(),
 ) -> None:
     """UNOC, section 4.2: share of strong accelerations, before and after inverse kinematics and smoothing."""
+    from bodysense_lab.papers.unoc.ik_tracker import IkTrackerSettings
     from bodysense_lab.papers.unoc.score.smoothness import NETWORKS, smoothness_of_clip, smoothness_report
     from bodysense_lab.papers.unoc.score.variant_scores import networks_in
 
-    files, settings = networks_in(networks, NETWORKS), tracker_settings(half_life)
-    work = partial(smoothness_of_clip, networks=files, model=model, settings=settings)
+    files = networks_in(networks, NETWORKS)
+    work = partial(smoothness_of_clip, networks=files, model=model, settings=IkTrackerSettings())
     _score(data, table, work, smoothness_report)
 
 
-def reliability(data: Data, model: Predictor = None, table: Table = TableOptions()) -> None:
-    """Compare expected with true errors of hidden joints, in ten bins of equal count."""
-    from bodysense_lab.papers.unoc.score.reliability import pairs_of_clip, reliability_report
-
-    _score(data, table, partial(pairs_of_clip, model=model), reliability_report)
-
-
-def transitions(data: Data, model: Predictor = None, half_life: HalfLife = None, table: Table = TableOptions()) -> None:
+def transitions(data: Data, model: Predictor = None, table: Table = TableOptions()) -> None:
     """Measure jerk in the second in which a joint is lost or seen again, before and after smoothing."""
+    from bodysense_lab.papers.unoc.ik_tracker import IkTrackerSettings
     from bodysense_lab.papers.unoc.score.transitions import transitions_of_clip, transitions_report
 
-    work = partial(transitions_of_clip, model=model, settings=tracker_settings(half_life))
+    work = partial(transitions_of_clip, model=model, settings=IkTrackerSettings())
     _score(data, table, work, transitions_report)
 
 

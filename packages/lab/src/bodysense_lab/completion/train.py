@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -34,22 +33,14 @@ from bodysense_lab.core.fit import fit, set_seed_and_threads
 _VALIDATION_STRIDE = 3  # every n-th validation clip is scored at a checkpoint
 
 
-@dataclass(frozen=True)
-class MotionData:
-    """Motion that the networks learn from."""
-
-    corpora: CorpusReader  # recorded
-    generated_fingers: Callable[[float, int, Path], np.ndarray]  # hours, seed and folder to keep them → (N, 30, 4)
-
-
-def train_completion(options: CompletionTraining, fabric: Fabric, data: MotionData) -> CompletionNetwork:
+def train_completion(options: CompletionTraining, fabric: Fabric, corpora: CorpusReader) -> CompletionNetwork:
     """Train or resume, and return the network with the best weights on validation people.
 
     With `options.keep`, they are averaged with the initial weights (Wortsman et al. 2022, "Robust fine-tuning of
     zero-shot models"), which keeps part of the training's effect at a smaller loss of accuracy. Raises BodysenseError
     if fingers are to be trained and no training clip has fingers.
     """
-    train, val = _begin(options, fabric, data.corpora)
+    train, val = _begin(options, fabric, corpora)
     if options.finger_steps and not len(train.with_fingers):
         raise BodysenseError(f"{options.data}: no training clip has fingers that move; give --finger-steps 0")
     fabric.print(f"{train.minutes:.0f} minutes of motion to train on, {val.minutes:.0f} to validate")
@@ -62,7 +53,7 @@ def train_completion(options: CompletionTraining, fabric: Fabric, data: MotionDa
     validation = validation_batches(val, _VALIDATION_STRIDE, options.backward, sets)
     sensors, drawing = draw_without_head if options.update_rank else draw_sensors, None
     if options.draw_processes:
-        sampler = CorpusSampler(data.corpora, options.backward, sensors)
+        sampler = CorpusSampler(corpora, options.backward, sensors)
         drawing = Drawing(sampler, options.folder / "ring", options.draw_processes, options.plays)
     source = options.trial_settings or None
     task = CompletionTask(
@@ -76,7 +67,7 @@ def train_completion(options: CompletionTraining, fabric: Fabric, data: MotionDa
     return network
 
 
-def completion_finger_network(run: CompletionTraining, fabric: Fabric, data: MotionData) -> FingerNetwork:
+def completion_finger_network(run: CompletionTraining, fabric: Fabric, corpora: CorpusReader) -> FingerNetwork:
     """Return the finger network for the file of a body's network.
 
     It is trained for `run.finger_steps`. With 0 steps it is that of the file `run.begin_with`; without that file, or if
@@ -86,7 +77,7 @@ def completion_finger_network(run: CompletionTraining, fabric: Fabric, data: Mot
         schedule = replace(FINGER_SCHEDULE, steps=run.finger_steps, seed=run.schedule.seed)
         shared = {name: getattr(run, name) for name in ("data", "limit", "threads", "devices", "nodes")}
         options = FingerTraining(out=run.folder / "fingers.ckpt", schedule=schedule, **shared)
-        return train_fingers(options, fabric, data)
+        return train_fingers(options, fabric, corpora)
     if run.begin_with is not None and run.begin_with.suffix == ".safetensors" and not run.backward:
         from bodysense_lab.completion.networks.weights_file import read_weights
 
@@ -95,19 +86,16 @@ def completion_finger_network(run: CompletionTraining, fabric: Fabric, data: Mot
 
 
 def train_fingers(
-    options: FingerTraining, fabric: Fabric, data: MotionData, config: FingerTaskConfig = FingerTaskConfig()
+    options: FingerTraining, fabric: Fabric, corpora: CorpusReader, config: FingerTaskConfig = FingerTaskConfig()
 ) -> FingerNetwork:
     """Train or resume, and return the finger network with the best weights on validation clips."""
-    train, val = _begin(options, fabric, data.corpora)
-    with fabric.rank_zero_first():
-        hours, seed = options.generated_hours, options.schedule.seed
-        generated = data.generated_fingers(hours, seed, options.folder) if hours else None
+    train, val = _begin(options, fabric, corpora)
     if options.leave_out:
         train, val = (without_person(corpus, options.leave_out) for corpus in (train, val))
     network = FingerNetwork(config.network)
-    config = replace(config, generated_hours=options.generated_hours, left_out=options.leave_out)
+    config = replace(config, left_out=options.leave_out)
     validation, source = finger_validation(val, train), options.trial_settings or None
-    task = FingerTask(network, config, options.schedule, train, validation, source, generated=generated)
+    task = FingerTask(network, config, options.schedule, train, validation, source)
     fit(task, options.out, fabric=fabric)
     return network.cpu()
 

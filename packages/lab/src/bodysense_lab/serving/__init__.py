@@ -1,1 +1,1 @@
-"""Tests of the live server: hostile clients and packets, a bad network, independent decoders."""
+"""A live server for benchmarks."""

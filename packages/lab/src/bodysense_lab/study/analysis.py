@@ -9,7 +9,6 @@ for the number of tests.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ import numpy as np
 from scipy import stats
 
 from bodysense.errors import BodysenseError
-from bodysense.files import write_json
+from bodysense.files import read_json, write_json
 
 Condition = Literal["truth", "ours", "baseline"]
 CONDITIONS: tuple[Condition, ...] = get_args(Condition)
@@ -182,12 +181,7 @@ def write_simulated_answers(
 
 def _read(path: Path, form: str, fix: str) -> dict[str, Any]:
     """Return the object in a JSON file of format `form`."""
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BodysenseError(f"{path} cannot be read ({error.strerror}); {fix}") from None
-    except ValueError as error:
-        raise BodysenseError(f"{path}: not complete JSON ({error}); {fix}") from None
+    content = read_json(path, fix)
     if not isinstance(content, dict) or content.get("format") != form:
         raise BodysenseError(f"{path}: its format is not {form!r}; {fix}")
     return content

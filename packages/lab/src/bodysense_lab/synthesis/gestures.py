@@ -100,7 +100,6 @@ class KeyPoses:
     """K key poses, and the touches that `lab.synthesis.hand_contact` makes in them."""
 
     angles: np.ndarray  # (K, 26) rad, within the limits
-    gesture: np.ndarray  # (K,) index into GESTURES; −1: no gesture
     finger: np.ndarray  # (K,) finger that the thumb's tip touches, 0 to 3; −1: no touch
     place: np.ndarray  # (K,) touched place: 0 the finger's tip, 1 the back and 2 the side of its middle segment
 
@@ -150,7 +149,7 @@ def key_poses(gesture: np.ndarray, rng: np.random.Generator) -> KeyPoses:
     for k, part in enumerate((base, sideways, twist, middle, last)):
         degrees[:, 6 + k :: 5] = part
     low, high = limits()
-    return KeyPoses(np.clip(np.radians(degrees), low, high), gesture, finger, place)
+    return KeyPoses(np.clip(np.radians(degrees), low, high), finger, place)
 
 
 @lru_cache(maxsize=1)

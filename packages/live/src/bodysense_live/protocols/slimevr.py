@@ -21,7 +21,7 @@ PORT = 6969
 MAX_TRACKERS, MAX_SENSORS = 32, 16
 HEARTBEAT_EVERY = 0.5  # s
 _HANDSHAKE, _ROTATION, _SENSOR, _BOTH, _FEATURES = 3, 17, 15, 23, 22
-_HEARTBEAT, _SECOND_ROTATION, _BATTERY, _ACTION = 1, 16, 12, 21  # an old tracker sends rotations as type 1
+_HEARTBEAT, _SECOND_ROTATION, _ACTION = 1, 16, 21  # an old tracker sends rotations as type 1
 _BUNDLE, _COMPACT = 100, 101
 _HEAD = struct.Struct(">IQ")
 _GREETING = (b"\x03Hey OVR =D 5").ljust(64, b"\0")
@@ -63,7 +63,6 @@ class SlimevrTracker:
     address: tuple[str, int]
     number: int = 0  # number of its newest datagram
     sensors: Mapping[int, Sensor] = field(default_factory=dict)
-    battery: float | None = None  # 0 to 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,10 +169,7 @@ class _TrackerUpdate:
                 return self._turn(int(kind == _SECOND_ROTATION), struct.unpack_from(">4f", body), now)
             if kind == _SENSOR:
                 return self._read_description(body)
-            if kind == _BATTERY:
-                level = struct.unpack_from(">2f", body)[1]
-                self.tracker = replace(self.tracker, battery=level if 0 <= level <= 1 else None)
-            elif kind == _ACTION and body[0] in _ACTIONS:
+            if kind == _ACTION and body[0] in _ACTIONS:
                 self.commands.append(_ACTIONS[body[0]])
             elif kind == _FEATURES:
                 self.replies.append(_HEAD.pack(_FEATURES, 0) + _BUNDLES)

@@ -14,31 +14,55 @@ from bodysense.io.formats.protocol import PoseFrame, SignalFrame
 from bodysense.observing.observation import Observation
 from bodysense.tracking.estimate import CONTACT_POINTS, Estimate
 from bodysense_live.server.messages import Region, Settings
-from bodysense_live.sessions.inertialiser import Inertialiser, Offset
 
-INERTIALISER = Inertialiser()
 LONGEST_GAP = 1.0  # s; after a longer gap the pose is neither smoothed nor blended
+BLEND_HALF_LIFE = 0.08  # s in which half of a jump decays
+_NEGLIGIBLE = 1e-7  # m, rad, m/s and rad/s; smaller offsets end
 
 
 @dataclass(frozen=True, eq=False)
-class MovingPose:
-    """A pose with its velocity."""
+class Offset:
+    """Difference of a pose from its target, which a critically damped spring takes to zero.
 
-    time: float  # s
-    root: np.ndarray  # (3,) m
-    rotation: np.ndarray  # (J, 4) wxyz, parent ← joint
-    velocity: np.ndarray  # (3,) m/s
-    spin: np.ndarray  # (J, 3) rad/s
+    The output continues from its last pose, and the old motion is not blended in (Bollo, *Inertialization*, GDC 2018).
+    """
+
+    value: np.ndarray  # (J + 1, 3) rotation vectors, rad, in the axes of the parent, and last the root's offset, m
+    velocity: np.ndarray  # (J + 1, 3) of it, a second
+
+    def after(self, interval: float, half_life: float) -> Offset:
+        """Return the offset `interval` s later. At rest it halves within `half_life` s, at any frame rate."""
+        return Offset(*spring_step(self.value, self.velocity, half_life, interval))
+
+    def applied(self, target: Pose) -> Pose:
+        """Return the pose at this offset from a target."""
+        rotation = multiply(exp(self.value[:-1]), np.asarray(target.rotation))
+        rotation *= np.copysign(1.0, rotation[:, :1])
+        return Pose(target.skeleton, target.root_position + self.value[-1], rotation)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the offset is negligible, and stays so."""
+        return max(np.abs(self.value).max(), np.abs(self.velocity).max()) < _NEGLIGIBLE
+
+
+def offset_at_rest(pose: Pose, target: Pose) -> Offset:
+    """Return the offset of a pose from its target, without velocity."""
+    turn = log(multiply(np.asarray(pose.rotation), np.asarray(target.rotation) * CONJUGATE))
+    value = np.concatenate([turn, [np.asarray(pose.root_position) - np.asarray(target.root_position)]])
+    return Offset(value, np.zeros_like(value))
 
 
 @dataclass(frozen=True, eq=False)
 class DisplayState:
     """The state of smoothing and blending before the next pose."""
 
-    smoothed: MovingPose | None = None  # last pose, without the offset
-    displayed: Pose | None = None  # last pose, with the offset
-    offset: Offset | None = None  # decaying difference of the displayed body from the completed one
-    blends: bool = False  # start a new offset with the next pose, so that it does not jump
+    time: float = 0.0  # s, of the last pose
+    smoothed: Pose | None = None  # last pose, before blending
+    velocity: np.ndarray | float = 0.0  # (J + 1, 3) of the smoothed pose, as of an `Offset`
+    displayed: Pose | None = None  # last pose
+    blend: Offset | None = None  # offset of the displayed pose from the smoothed one
+    blends: bool = False  # start a new blend with the next pose, so that it does not jump
 
     def blending(self) -> DisplayState:
         """Return the state that blends from the displayed pose to the next one."""
@@ -50,45 +74,27 @@ class DisplayState:
 
     def step(self, pose: Pose, time: float, half_life: float) -> tuple[Pose, DisplayState]:
         """Return the pose to display at `time` s, smoothed with a half-life in s, and the state after it."""
-        before, displayed, offset = self.smoothed, self.displayed, self.offset
-        if before is None or time - before.time > LONGEST_GAP:
-            before = displayed = offset = None
-        root, rotation = pose.root_position, pose.rotation
-        if before is None or half_life == 0:
-            smoothed = at_rest(time, root, rotation)
-        else:
-            smoothed = smoothed_toward(before, time, root, rotation, half_life)
-            pose = Pose(pose.skeleton, smoothed.root, smoothed.rotation)
+        before, displayed, blend, interval = self.smoothed, self.displayed, self.blend, time - self.time
+        if before is None or interval > LONGEST_GAP:
+            before = displayed = blend = None
+        velocity: np.ndarray | float = 0.0
+        if before is not None and half_life:
+            start = offset_at_rest(before, pose)
+            behind = replace(start, velocity=start.velocity + self.velocity).after(interval, half_life)
+            pose, velocity = behind.applied(pose), behind.velocity
+        smoothed = pose
         if self.blends and displayed is not None:
-            offset = INERTIALISER.start(displayed, pose, offset or INERTIALISER.rest(pose))
-        if offset is not None and before is not None:
-            pose, offset = INERTIALISER.apply(pose, time - before.time, offset)
-            offset = offset if offset.root.any() or offset.rotation.any() else None
-        return pose, DisplayState(smoothed, pose, offset)
+            blend = offset_at_rest(displayed, pose)
+        if blend is not None:
+            blend = blend.after(interval, BLEND_HALF_LIFE)
+            pose, blend = (pose, None) if blend.is_over else (blend.applied(pose), blend)
+        return pose, DisplayState(time, smoothed, velocity, pose, blend)
 
 
 def mirrored(skeleton: Skeleton, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Mirror a pose across the plane x = 0: root (3,) m and rotations (J, 4)."""
     partner = skeleton.mirror[: len(rotation)]
     return root * [-1, 1, 1], rotation[partner] * [1, 1, -1, -1]
-
-
-def at_rest(time: float, root: np.ndarray, rotation: np.ndarray) -> MovingPose:
-    """Return a pose without velocity."""
-    return MovingPose(time, root, rotation, np.zeros(3), np.zeros((len(rotation), 3)))
-
-
-def smoothed_toward(
-    before: MovingPose, time: float, root: np.ndarray, rotation: np.ndarray, half_life: float
-) -> MovingPose:
-    """Return the pose at `time` s on its way to a target. Half of a jump is left after `half_life` s, at any rate."""
-    turn = log(multiply(before.rotation, rotation * CONJUGATE))
-    offset = np.concatenate([turn, [before.root - root]])
-    velocity = np.concatenate([before.spin, [before.velocity]])
-    offset, velocity = spring_step(offset, velocity, half_life, time - before.time)
-    turned = multiply(exp(offset[:-1]), rotation)
-    turned *= np.copysign(1.0, turned[:, :1])
-    return MovingPose(time, root + offset[-1], turned, velocity[-1], velocity[:-1])
 
 
 JUMP = 0.03  # m per frame; a larger step of any coordinate is a jump

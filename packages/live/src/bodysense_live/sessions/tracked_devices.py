@@ -14,7 +14,6 @@ A device keeps its last pose for `longest_silence` and is then not tracked.
 
 from __future__ import annotations
 
-import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,6 +24,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bodysense.errors import BodysenseError
+from bodysense.files import read_json
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_rotate
 from bodysense.observing.observation import FARTHEST, UNIT_TOLERANCE, Observation, usual_accuracy
 from bodysense_live.protocols.driver_axes import turned_about
@@ -253,12 +253,8 @@ def read_device_names(path: str | Path) -> dict[str, str]:
 
     `TrackedDevices` and `SlimevrSettings` check the points.
     """
-    try:
-        table = json.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise BodysenseError(f"{path}: cannot be read ({error.strerror}); give a table of devices, .json") from None
-    except (ValueError, RecursionError):
-        table = None
+    wanted = f"a table of devices is a JSON object, serial to one of {', '.join(POINTS)}"
+    table = read_json(path, wanted)
     if not isinstance(table, dict) or not all(isinstance(point, str) for point in table.values()):
-        raise BodysenseError(f"{path}: a table of devices is a JSON object, serial to one of {', '.join(POINTS)}")
+        raise BodysenseError(f"{path}: {wanted}")
     return table

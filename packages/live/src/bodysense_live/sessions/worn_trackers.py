@@ -11,13 +11,12 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.errors import BodysenseError
-from bodysense.files import written_beside
+from bodysense.files import read_json, written_beside
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import chosen_points, concatenated_frames
 from bodysense.tracking.calibration import TRACKER_JOINTS, assign_trackers
@@ -44,10 +43,7 @@ def read_trackers(path: Path) -> dict[str, str]:
 
     Raises BodysenseError for an unreadable file or an invalid table.
     """
-    try:
-        stored: Any = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise BodysenseError(f"{path} is not a person's file ({error}); give one, or leave --person out") from None
+    stored = read_json(path, "give a person's file, or leave --person out")
     table = stored.get(_KEY, {}) if isinstance(stored, dict) else {}
     if not isinstance(table, dict) or not all(isinstance(joint, str) for joint in table.values()):
         raise BodysenseError(f"{path}: {_KEY!r} must be a table, serial to one of {', '.join(TRACKER_JOINTS)}")

@@ -7,29 +7,11 @@ from tyro.extras import SubcommandApp
 
 def commands() -> SubcommandApp:
     """Return the group's commands."""
-    from bodysense_lab.commands.bench import (
-        arms,
-        bvh,
-        gloves,
-        ik,
-        import_time,
-        live,
-        live_outputs,
-        occlusion,
-        step,
-        take,
-        training,
-        video,
-    )
+    from bodysense_lab.commands.bench import arms, gloves, ik, live, step, take, training, video
 
     group = SubcommandApp()
     group.command(name="step")(step.bench_step)
-    for command in (gloves.gloves, ik.ik, occlusion.occlusion, bvh.bvh, take.take):
-        group.command(command)
-    group.command(name="import")(import_time.import_time)
-    group.command(training.training)
-    for command in (arms.arms, video.video):
+    for command in (gloves.gloves, ik.ik, take.take, training.training, arms.arms, video.video):
         group.command(command)
     group.command(name="live")(live.bench_live)
-    group.command(live_outputs.live_outputs)
     return group

@@ -1,4 +1,4 @@
-"""Hands of training sequences: recorded or generated fingers, relative to tracked or estimated wrists."""
+"""Hands of training sequences: recorded fingers, relative to tracked or estimated wrists."""
 
 from __future__ import annotations
 
@@ -10,13 +10,11 @@ import numpy as np
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
-from bodysense_lab.completion.data.corpus import interpolate
 from bodysense_lab.completion.data.points import FINGER_JOINTS, FINGER_OF, FINGERS, HAND_JOINTS, HAND_POINTS
 from bodysense_lab.completion.data.sensor_draws import FingerMasks
 from bodysense_lab.completion.data.smooth_noise import smooth_noise
 
-GENERATED_RATE = 30.0  # Hz of generated fingers
-RECORDED = HAND_JOINTS - len(BODY)  # (2, 15) indices of the joints in recorded and generated fingers
+RECORDED = HAND_JOINTS - len(BODY)  # (2, 15) indices of the joints in recorded fingers
 # (15,) whether the joint is at a knuckle
 _FIRST = np.array([default_skeleton().joints[j].endswith("1") for j in HAND_JOINTS[0]])
 _WRIST_DEGREES, _WRIST_PLACE = 15.0, 0.06  # standard deviations, degrees and m, of errors of an estimated wrist
@@ -43,14 +41,6 @@ class TrainingHands:
 
 # Draws masks of fingers, given the frames in which cameras see each hand (T, 2), the interval in s and a generator.
 DrawFingers = Callable[[np.ndarray, float, np.random.Generator], FingerMasks]
-
-
-def generated_part(fingers: np.ndarray, frames: int, rate: float, rng: np.random.Generator) -> np.ndarray:
-    """Return local rotations (T, 2, 15, 4) of a random part of generated fingers (N, 30, 4), at `rate` Hz."""
-    place = np.arange(frames) * (GENERATED_RATE / rate)
-    place += rng.uniform(0, max(0.0, len(fingers) - 2 - place[-1]))
-    low = np.minimum(place.astype(int), len(fingers) - 1)
-    return interpolate(fingers[low], fingers[np.minimum(low + 1, len(fingers) - 1)], place - low)[:, RECORDED]
 
 
 def with_finger_noise(local: np.ndarray, rate: float, rng: np.random.Generator) -> np.ndarray:

@@ -26,7 +26,6 @@ from bodysense_lab.completion.data.hands import (
     RECORDED,
     DrawFingers,
     TrainingHands,
-    generated_part,
     hand_kinematics,
     with_finger_noise,
     with_wrist_error,
@@ -140,7 +139,6 @@ class SequenceAugmentation:
     noisy: bool = False
     backward: bool = False  # time runs backward
     fingers: DrawFingers | None = None  # None: hands are left out
-    local: np.ndarray | None = None  # (T, 2, 15, 4) wxyz finger rotations, parent ← joint; None: as recorded
     finger_noise: bool = False  # fingers have random motion in addition
 
 
@@ -218,11 +216,10 @@ def _draw_rate(rng: np.random.Generator) -> float:
     return float(np.exp(rng.uniform(*np.log(rates))))
 
 
-def draw_hands(corpus: Corpus, clip: int, rng: np.random.Generator, generated: np.ndarray | None = None) -> Sequence:
-    """Draw an augmentation of a clip for training of fingers, and make its sequence with hands.
+def draw_hands(corpus: Corpus, clip: int, rng: np.random.Generator) -> Sequence:
+    """Draw an augmentation of a clip with fingers for their training, and make its sequence with hands.
 
-    Clips without recorded fingers have those of a random part of `generated` (N, 30, 4). Clips are not mirrored: the
-    network mirrors right hands, so a clip and its mirror image are equal to it.
+    Clips are not mirrored: the network mirrors right hands, so a clip and its mirror image are equal to it.
     """
     seconds = float(corpus.length[clip] / corpus.rate[clip])
     drawn = SequenceAugmentation(
@@ -236,11 +233,7 @@ def draw_hands(corpus: Corpus, clip: int, rng: np.random.Generator, generated: n
     )
     kind = str(rng.choice(list(FINGER_KINDS), p=list(FINGER_KINDS.values())))
     finger_noise = kind in ("tracked", "random") and bool(rng.uniform() < 0.5)
-    local = None
-    if corpus.finger_start[clip] < 0:
-        assert generated is not None
-        local = generated_part(generated, len(_frames_of(corpus, clip, drawn)[0]), drawn.rate, rng)
-    drawn = replace(drawn, fingers=partial(draw_fingers, kind), local=local, finger_noise=finger_noise)
+    drawn = replace(drawn, fingers=partial(draw_fingers, kind), finger_noise=finger_noise)
     return make_sequence(corpus, clip, drawn, rng)
 
 
@@ -322,7 +315,7 @@ def _hands(
 ) -> TrainingHands:
     """Return the hands of a sequence; `visible` (T, 2) are frames in which cameras see them."""
     assert augmentation.fingers is not None
-    local = _recorded_fingers(corpus, clip, augmentation) if augmentation.local is None else augmentation.local
+    local = _recorded_fingers(corpus, clip, augmentation)
     if augmentation.finger_noise:
         local = with_finger_noise(local, augmentation.rate, rng)
     true_rotation, true_position = hand_kinematics(local, augmentation.body.true[HAND_POINTS])

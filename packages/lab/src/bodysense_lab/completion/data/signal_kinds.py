@@ -96,7 +96,7 @@ def _draw_carried(family: Family, rng: np.random.Generator, ranges: SignalRanges
         return dict.fromkeys((name for name in BODY if rng.uniform() < share), "rotation")
     if family == "alone":
         name = INPUT_POINTS[int(rng.integers(len(INPUT_POINTS)))] if rng.uniform() < 0.5 else "head"
-        return _only(name, "position" if rng.uniform() < 0.7 else _draw_quantity(name, rng))
+        return {name: "position" if rng.uniform() < 0.7 else _draw_quantity(name, rng)}
     carried: dict[str, Quantity] = {}
     for name in INPUT_POINTS:
         if rng.uniform() < share:
@@ -105,10 +105,6 @@ def _draw_carried(family: Family, rng: np.random.Generator, ranges: SignalRanges
     if rng.uniform() < ranges.head:
         carried["head"] = _draw_quantity("head", rng)
     return carried
-
-
-def _only(name: str, quantity: Quantity) -> dict[str, Quantity]:
-    return {name: quantity}
 
 
 def _suit_joints(rng: np.random.Generator) -> list[str]:

@@ -96,19 +96,14 @@ def read_weights(path: Path) -> tuple[CompletionNetwork, FingerNetwork]:
             key = f"{prefix}.{name}"
             values = tensors.get(key)
             if prefix == "body" and values is not None and values.ndim == parameter.ndim == 2:
-                values = _widened(values, parameter.shape[1])
+                missing = max(parameter.shape[1] - values.shape[1], 0)  # inputs, at the end, of newer networks
+                values = np.pad(values, ((0, 0), (0, missing)))
             if values is None or values.shape != parameter.shape:
                 raise BodysenseError(f"{path}: {key} is missing or of another shape; train the network again")
             whole = values.astype(np.float32) * (tensors[f"{key}.step"][:, None] if values.dtype == np.int8 else 1)
             with torch.no_grad():
                 parameter.copy_(torch.from_numpy(whole))
     return body, fingers
-
-
-def _widened(values: np.ndarray, columns: int) -> np.ndarray:
-    """Add columns of zeros for inputs, at the end, that the network was not trained on."""
-    missing = max(columns - values.shape[1], 0)
-    return np.pad(values, ((0, 0), (0, missing)))
 
 
 def row_step(values: np.ndarray) -> np.ndarray:

@@ -44,9 +44,7 @@ def load_finger_network(checkpoint: Path) -> tuple[FingerNetwork, FingerTaskConf
         )
     network = FingerNetwork(FingerConfig(**built))
     network.load_state_dict(best_weights(checkpoint, network))
-    return network.eval(), FingerTaskConfig(
-        network=network.config, generated_hours=task.get("generated_hours", 0.0), left_out=task.get("left_out", "")
-    )
+    return network.eval(), FingerTaskConfig(network=network.config, left_out=task.get("left_out", ""))
 
 
 SETS = {"camera": "occluded", "nothing": "synthesised"}  # names of sensor sets in keys of figures
@@ -91,7 +89,7 @@ def finger_report(scores: list[FingerScore], data_name: str) -> Report:
     """Return a table with a row for each network and kind of fingers. `data_name` is part of the title."""
     rows = tuple(
         (
-            *(one.network, one.task.left_out, f"{one.task.generated_hours:g}", SETS[one.sensors]),
+            *(one.network, one.task.left_out, SETS[one.sensors]),
             *(100 * one.error, 100 * one.baseline, one.ratio),
         )
         for one in scores
@@ -99,7 +97,7 @@ def finger_report(scores: list[FingerScore], data_name: str) -> Report:
     return Report(
         name="fingers",
         title=f"Fingers of people left out of training ({data_name})",
-        columns=("network", "left out", "generated h", "fingers", "error", "baseline", "ratio"),
+        columns=("network", "left out", "fingers", "error", "baseline", "ratio"),
         rows=rows,
         numbers=finger_numbers(scores),
         caption="RMSJPE of points that bend, from the wrist, cm; ratio: error by baseline.",
@@ -108,18 +106,17 @@ def finger_report(scores: list[FingerScore], data_name: str) -> Report:
 
 
 def finger_numbers(scores: list[FingerScore]) -> dict[str, float]:
-    """Return ratios and errors over all left-out people, with and without generated fingers, by flat keys."""
+    """Return ratios and errors over all left-out people, by flat keys."""
     numbers: dict[str, float] = {}
     for sensors, what in SETS.items():
-        for generated, ending in ((True, ""), (False, "_recorded_only")):
-            chosen = [one for one in scores if one.sensors == sensors and bool(one.task.generated_hours) == generated]
-            if chosen:
-                points = np.array([one.points for one in chosen], dtype=float)
-                error, baseline = (
-                    float(np.sqrt(np.average([getattr(one, name) ** 2 for one in chosen], weights=points)))
-                    for name in ("error", "baseline")
-                )
-                numbers[f"finger_{what}_ratio_foreign{ending}"] = error / baseline
-                numbers[f"finger_{what}_foreign{ending}_cm"] = 100 * error
-                numbers[f"finger_{what}_baseline_foreign{ending}_cm"] = 100 * baseline
+        chosen = [one for one in scores if one.sensors == sensors]
+        if chosen:
+            points = np.array([one.points for one in chosen], dtype=float)
+            error, baseline = (
+                float(np.sqrt(np.average([getattr(one, name) ** 2 for one in chosen], weights=points)))
+                for name in ("error", "baseline")
+            )
+            numbers[f"finger_{what}_ratio_foreign_recorded_only"] = error / baseline
+            numbers[f"finger_{what}_foreign_recorded_only_cm"] = 100 * error
+            numbers[f"finger_{what}_baseline_foreign_recorded_only_cm"] = 100 * baseline
     return numbers

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
-from bodysense.ranges import Count, Hours, Processes, within
+from bodysense.ranges import Count, Processes, within
 from bodysense_lab.core.options import Card, Data, Flat, Json, MethodDefault, MotionRun, Schedule, Split, check_ending
 
 Body = Literal["own", "stranger", "height", "nothing"]
@@ -37,13 +37,19 @@ TABLE_SETS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class _FolderRun(MotionRun):
+class _ThreadedRun(MotionRun):
+    """A training in threads of one process."""
+
+    threads: Processes | None = 1
+    """PyTorch threads"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _FolderRun(_ThreadedRun):
     """A training with a folder for its checkpoints."""
 
     run: Path | None = None
     """folder of checkpoints; OUT without its ending if omitted"""
-    threads: Processes | None = 1
-    """PyTorch threads"""
 
     @property
     def folder(self) -> Path:
@@ -87,21 +93,12 @@ class CompletionTraining(_FolderRun, Card):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FingerTraining(_FolderRun):
+class FingerTraining(_ThreadedRun):
     """Train the finger network alone; write a checkpoint from which training resumes."""
 
-    run: Path | None = None
-    """folder of generated fingers; OUT's folder if omitted"""
     schedule: Flat[Schedule] = FINGER_SCHEDULE
     leave_out: str = ""
     """person excluded from training"""
-    generated_hours: Hours = 0.0
-    """hours of generated finger motion to mix with recorded motion; 0: none"""
-
-    @property
-    def folder(self) -> Path:
-        """The run's folder."""
-        return self.out.parent if self.run is None else self.run
 
     def __post_init__(self) -> None:
         check_ending(self.out, ".ckpt")
@@ -205,8 +202,6 @@ class EvaluationFiles:
     json: Json = None
     csv: Path | None = None
     """file for the table of all measures"""
-    picture: Path | None = None
-    """file for the reliability diagram (PNG)"""
     worst: Count = 12
     """number of frames on the sheet, at most one of a clip"""
     worst_by: Fault = "error"
@@ -215,5 +210,5 @@ class EvaluationFiles:
     """file for a sheet of the worst frames, truth next to result (PNG)"""
 
     def __post_init__(self) -> None:
-        for path in filter(None, (self.picture, self.sheet)):
-            check_ending(path, ".png", what="a picture")
+        if self.sheet is not None:
+            check_ending(self.sheet, ".png", what="a picture")

@@ -51,7 +51,6 @@ SETS: dict[str, tuple[Body, ...]] = {
 UPDATE_SETS: dict[str, tuple[Body, ...]] = dict.fromkeys(("mocopi_six", "dip_six", "slimevr_five"), ("own",))
 _POSTURE_SHARE = 0.2  # share of sequences in postures that are rare in recordings
 _SCENE_SHARE = 0.12  # share of sequences that are scripted scenes
-_GENERATED = 0.5  # share of sequences whose fingers are generated
 
 
 @dataclass(frozen=True)
@@ -73,7 +72,6 @@ class FingerTaskConfig:
     streams: int = 32  # sequences in parallel
     chunk: int = 48  # frames of truncated backpropagation
     losses: FingerLosses = field(default_factory=FingerLosses)
-    generated_hours: float = 0.0  # of generated fingers for clips without recorded ones; 0: such clips are left out
     left_out: str = ""  # person whose clips are excluded from training
 
 
@@ -181,7 +179,6 @@ class FingerTask(Task):
     corpus: Corpus
     validation: Mapping[str, FingerValidation]
     source: Mapping[str, Any] | None = None
-    generated: np.ndarray | None = None  # (N, 30, 4) generated fingers; None: recorded ones only
     mixed = True
 
     def batches(self, rng: np.random.Generator, done: int = 0) -> Iterator[RawBatch]:
@@ -210,15 +207,10 @@ class FingerTask(Task):
         return _with_score(figures, "ratio")
 
     def _sequence_sampler(self, rng: np.random.Generator) -> Callable[[], Sequence]:
-        """Return a function that draws a sequence.
-
-        Clips are drawn by their length. With generated fingers, half of the sequences have them.
-        """
-        weight, recorded = self.corpus.length / self.corpus.rate, self.corpus.finger_start >= 0
-        for part, share in ((recorded, 1 - _GENERATED), (~recorded, 0.0 if self.generated is None else _GENERATED)):
-            weight[part] *= share / max(weight[part].sum(), 1e-9)
+        """Return a function that draws a sequence. Clips with fingers are drawn by their length."""
+        weight = np.where(self.corpus.finger_start >= 0, self.corpus.length / self.corpus.rate, 0.0)
         weight /= weight.sum()
-        return lambda: draw_hands(self.corpus, int(rng.choice(len(weight), p=weight)), rng, self.generated)
+        return lambda: draw_hands(self.corpus, int(rng.choice(len(weight), p=weight)), rng)
 
 
 def _stream_batches(

@@ -55,8 +55,6 @@ class IkState:
 
     body: PosedBody
     cost: float  # m²: weighted sum of squared distances to the targets, and of turns from orientation targets
-    iterations: int  # steps taken
-    converged: bool  # False if max_iterations ended the search
     tension: np.ndarray  # (P − 1,) outward pull of the targets on every bone, in points of weight 1 at its end
 
     @property
@@ -153,7 +151,7 @@ class InverseKinematics:
     def at(self, root_position: np.ndarray, world_rotation: np.ndarray) -> IkState:
         """Return the state of a body at root (3,) m with joints (J, 4) wxyz, as the start of a frame."""
         body = self._posed(np.array(root_position, dtype=np.float64), np.array(world_rotation, dtype=np.float64))
-        return IkState(body, np.inf, 0, True, np.zeros(len(self._bone_parent)))
+        return IkState(body, np.inf, np.zeros(len(self._bone_parent)))
 
     def _descend(self, problem: _Problem, body: PosedBody, tension: np.ndarray | None = None) -> IkState:
         """Run Gauss-Newton from a start; a step that raises the cost is damped until it does not.
@@ -195,7 +193,7 @@ class InverseKinematics:
             neglected = (short * problem.root_weight).ravel()
             tension = self._tension(body, problem.weight[:, None] * (pull.error + short))
             converged = bool(neglected.dot(neglected) <= enough)
-        return IkState(body, pull.cost, iteration, converged, tension)
+        return IkState(body, pull.cost, tension)
 
     def _posed(self, root: np.ndarray, rotation: np.ndarray) -> PosedBody:
         """Forward kinematics from world rotations (J, 4)."""
