@@ -46,7 +46,7 @@ COMMANDS = {
     "gloves": ("nets/glove_joints.onnx", "nets/glove_joints.jsonl", ""),
 }
 TRAINED = sorted(set(COMMANDS) - {"completion"})  # which is published afterwards
-# Trained by two processes. `fingers` and `arms-table` train like `upper-body` and `arms`; two nodes train `completion-fingers`.
+# Trained by two processes. Two nodes train `completion-fingers`; `fingers` and `arms-table` train like two others.
 OF_TWO = sorted(set(TRAINED) - {"fingers", "arms-table", "completion-fingers"})
 
 # A process that runs commands one after the other, with a word in place of each .onnx file, as `short_training` does.
