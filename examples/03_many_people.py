@@ -1,4 +1,4 @@
-"""Several people in one call, which reads the network's weights once for all; each is completed as if alone."""
+"""Several people in one call; each is completed as if alone."""
 
 from dataclasses import replace
 

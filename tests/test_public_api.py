@@ -250,7 +250,7 @@ def test_reprs_are_short(short: bs.Clip) -> None:
         "Observation(40 frames at 30 Hz, 100% tracked: head, left_wrist, right_wrist, pelvis, left_ankle, right_ankle)"
     )
     assert repr(bs.simulate(short, "ten_point")[:1]).endswith("left_ankle, right_ankle and 5 more)")
-    assert repr(bs.default_skeleton()) == "Skeleton(52 joints, 13 end sites, 1.69 m)"
+    assert repr(bs.default_skeleton()) == "Skeleton(52 joints, 13 end sites, 1.70 m)"
     assert repr(tracker) == "Tracker(Person(1.80 m, known height), packaged network)"
     assert repr(bs.Tracker([bs.Person(), bs.Person()])) == "Tracker(2 people, packaged network)"
     assert repr(bs.Person()).startswith("Person(1.") and repr(bs.Person()).endswith(" m, inferred)")

@@ -7,6 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
+from bodysense.body.person import Person
+from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import Skeleton, default_body, default_skeleton, skeleton_from_table
 from bodysense.errors import BodysenseError
 
@@ -119,7 +121,16 @@ def test_mirror_pairs_the_sides() -> None:
 def test_bone_lengths_and_height() -> None:
     skeleton = small()
     np.testing.assert_allclose(skeleton.bone_length, [0, 0.1, 0.1, 0.4, np.hypot(0.4, 0.1), 0.2])
-    assert skeleton.height == pytest.approx(0.8)
+    assert skeleton.height == pytest.approx(1.0)
+    assert skeleton.extent == pytest.approx(0.8)
+
+
+def test_height_is_the_stature_of_people() -> None:
+    """One height for a body: that of people, of `Person(height)` and of the shape space, which sums bones by itself."""
+    for offset in sample_bodies("test", 20):
+        skeleton = default_skeleton().with_offsets(offset)
+        assert skeleton.height == pytest.approx(float(stature(offset)), abs=1e-9)
+        assert skeleton.scaled(1.83).height == pytest.approx(Person(skeleton.scaled(1.83)).stature)
 
 
 @pytest.mark.parametrize("height", [0.5, 1.2, 2.1])

@@ -32,7 +32,7 @@ def inches(tmp_path: Path, short_clip: Clip) -> Path:
 def test_info_reports_the_recognised_rig(inches: Path, tmp_path: Path, run) -> None:
     output = run("data", "info", inches, "--picture", tmp_path / "figures.png", "--json", tmp_path / "numbers.json")
     assert (
-        "inches.bvh: SMPL, 52 joints, inches, 1.6" in output
+        "inches.bvh: SMPL, 52 joints, inches, 1.70 m tall" in output
         and "y up, floor at -0.5" in output
         and "confidence" in output
     )
@@ -185,11 +185,11 @@ def test_a_complete_file_is_refused_if_options_would_change_it(whole: Path, tmp_
 
 def test_track_reports_how_a_motion_was_read(inches: Path, tmp_path: Path, run) -> None:
     """The line is printed for files with holes (NaN), too."""
-    assert "inches, 1.6" in run("track", inches, "-o", tmp_path / "out.bvh")
+    assert "inches, 1.70 m tall" in run("track", inches, "-o", tmp_path / "out.bvh")
     lines = inches.read_text().splitlines()
     lines[-1] = " ".join([*lines[-1].split()[:-3], "nan", "nan", "nan"])
     inches.write_text("\n".join(lines))
-    assert "inches, 1.6" in run("track", inches, "-o", tmp_path / "out.bvh")
+    assert "inches, 1.70 m tall" in run("track", inches, "-o", tmp_path / "out.bvh")
     np.save(tmp_path / "turns.npy", np.zeros((5, 66)))
     assert "30 Hz is taken (--rate)" in run("track", tmp_path / "turns.npy", "-o", tmp_path / "out.glb")
 

@@ -14,7 +14,7 @@ POSED = SENSOR_SETS["three_point"]
 MORE = replace(POSED, position=(*POSED.position, "pelvis", "spine3", "left_ankle"))
 MORE = replace(MORE, rotation=MORE.position)
 KNUCKLES = tuple(f"left_{finger}1" for finger in ("index", "middle", "ring", "pinky"))
-FOLLOWING = [(POSED, ("head_top",)), (POSED, KNUCKLES)]
+FOLLOWING = [(POSED, KNUCKLES)]
 FOLLOWING += [(MORE, (name,)) for name in ("left_hip", "spine1", "neck", "right_collar", "left_foot")]
 
 

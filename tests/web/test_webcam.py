@@ -52,7 +52,7 @@ def walking() -> Iterator[np.ndarray]:
 
 
 def waving() -> Iterator[np.ndarray]:
-    """Yield pictures of a person who stands before the camera and waves the right hand, up in all of them.
+    """Yield pictures of a standing person who waves the raised right hand.
 
     However few of them the page sees, its body is not the same as its mirror image, and a hand is seen.
     """

@@ -56,10 +56,10 @@ float stature(const vec3 rest_offset[BS_POINTS]) {
 static bool has_pose(const tracked *seen, int joint) { return seen->has_position[joint] && seen->has_rotation[joint]; }
 
 /* Whether a point's position follows from the measured pose of its parent, and tells nothing of other joints: of hips,
- * spine, shoulders and the ends of limbs. Few sequences of training have such points. */
+ * spine, shoulders and feet. Few sequences of training have such points; head tops many, as cameras see them. */
 static bool follows(const tracked *seen, int point) {
     switch (point) {
-    case PELVIS: case HEAD: case LEFT_KNEE: case RIGHT_KNEE: case LEFT_ANKLE: case RIGHT_ANKLE:
+    case PELVIS: case HEAD: case HEAD_TOP: case LEFT_KNEE: case RIGHT_KNEE: case LEFT_ANKLE: case RIGHT_ANKLE:
     case LEFT_ELBOW: case RIGHT_ELBOW: case LEFT_WRIST: case RIGHT_WRIST: return false;
     default: return !(point < BODY_JOINTS && turned(seen, point)) && has_pose(seen, PARENT[point]);
     }

@@ -140,9 +140,18 @@ class Skeleton:
 
     @cached_property
     def height(self) -> float:
-        """Height of the rest pose, lowest to highest point, metres."""
-        position = self.path @ self.rest_offset
-        return float(position[:, 1].max() - position[:, 1].min())
+        """Stature, metres: height of the rest pose's highest point over the soles, which are on y = 0.
+
+        Skeletons whose rest pose goes below y = 0 are measured from their lowest point.
+        """
+        high = (self.path @ self.rest_offset)[:, 1] + self.rest_offset[0, 1]
+        return float(high.max() - min(high.min(), 0.0))
+
+    @cached_property
+    def extent(self) -> float:
+        """Distance from the lowest to the highest point of the rest pose, metres. Soles are below the lowest point."""
+        high = (self.path @ self.rest_offset)[:, 1]
+        return float(high.max() - high.min())
 
     @cached_property
     def bone_length(self) -> np.ndarray:
@@ -162,12 +171,13 @@ class Skeleton:
         other = object.__new__(Skeleton)
         other.__dict__.update(self.__dict__)  # values derived from the tree alone are shared
         other.__dict__.pop("height", None)
+        other.__dict__.pop("extent", None)
         other.__dict__.pop("bone_length", None)
         other.__dict__["rest_offset"] = offset
         return other
 
     def scaled(self, height: float) -> Skeleton:
-        """Scale the proportions to another rest-pose height (metres, joints and end sites)."""
+        """Scale the proportions to another stature, metres."""
         if not 0.3 <= height <= 3.0:
             raise BodysenseError(f"height {height:g} m is not a person's; give metres between 0.3 and 3.0")
         return self.with_offsets(self.rest_offset * (height / self.height))

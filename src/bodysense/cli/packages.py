@@ -49,7 +49,6 @@ PACKAGES = (
             ("bench",): "time a part",
             ("study",): "make a user study",
             ("data", "prepare"): "prepare motion for training",
-            ("data", "fingers"): "generate motion of fingers",
             ("data", "render"): "draw videos of motion",
         },
     ),

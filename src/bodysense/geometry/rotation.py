@@ -6,13 +6,28 @@ the same library. They are differentiable on PyTorch. Quaternions are active rot
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any, TypeAlias
 
-from array_api_compat import array_namespace
+import array_api_compat
+import numpy as np
 
 Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor
 
 _AXES = {"X": 0, "Y": 1, "Z": 2}
+
+
+def array_namespace(*arrays: Array) -> Any:
+    """Return the library of arrays. NumPy's is found without a search, which takes as long as a product of a frame."""
+    for one in arrays:
+        if type(one) is not np.ndarray:
+            return array_api_compat.array_namespace(*arrays)
+    return _numpy_namespace()
+
+
+@lru_cache(maxsize=1)
+def _numpy_namespace() -> Any:
+    return array_api_compat.array_namespace(np.empty(0))
 
 
 def quaternion_identity(like: Array) -> Array:

@@ -37,7 +37,7 @@ from bodysense.io.rigs.figure import LONG, Figure, blocks_of, measured
 from bodysense.io.rigs.halves import find_body
 from bodysense.io.rigs.joint_file import JointFile
 from bodysense.io.rigs.names import ARMS, LEGS, is_end, joints_of, parts, side_of
-from bodysense.io.rigs.rig import Rig, joint_map, recognise
+from bodysense.io.rigs.rig import USUAL_HEIGHT, Rig, joint_map, recognise
 
 BONES = (("shoulder", "elbow"), ("elbow", "wrist"), ("hip", "knee"), ("knee", "ankle"))
 
@@ -220,10 +220,13 @@ def rigged_of(file: JointFile, options: ReadingOptions = AS_FOUND, *, must_stand
     rig = _recognised(file, figure, options)
     clip = _canonical_clip(figure, rig, options.joints is not None, must_stand)
     clip = checked(clip, (*file.warnings, *rig.warnings), rig.joints.keys(), options)
-    if options.height is not None:
-        scale = options.height / clip.pose.skeleton.height
-        rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=options.height)
-        clip = at_height(clip, options.height)
+    height = options.height if options.height is not None or rig.unit_name else USUAL_HEIGHT
+    if height is None:
+        rig = replace(rig, height=clip.pose.skeleton.height)
+    else:
+        scale = height / clip.pose.skeleton.height
+        rig = replace(rig, unit=rig.unit * scale, lift=rig.lift * scale, height=height)
+        clip = at_height(clip, height)
     return Rigged(file, figure, rig, clip, options.left_handed)
 
 

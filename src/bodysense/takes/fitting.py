@@ -25,7 +25,9 @@ from bodysense.geometry.rotation import (
 Array = np.ndarray
 FADE_TIME = 0.25  # s in which a limb moves to its tracked position, and away from it
 STRAIGHT = 0.02  # m from the line of a limb to its middle joint; nearer ones do not determine how the limb is turned
-NEARLY_STRAIGHT = 0.97  # of a leg's length; a shorter one bends little for a small change of its length
+NEARLY_STRAIGHT = (
+    0.93  # of a leg's length; a shorter one bends little for a small change of its length. 0.97: knees pop by 3 cm
+)
 MISS = 0.01  # m; largest distance by which a tracked ankle is missed to ease the bend of its leg
 ENDS = ("left_wrist", "right_wrist", "left_ankle", "right_ankle")
 

@@ -19,7 +19,7 @@ from bodysense.observing.points import observed_points
 from bodysense.tracking.estimate import Estimate
 
 Array = np.ndarray
-RATE = 30.0  # Hz; at least so many frames a second are completed
+RATE = 30.0  # Hz; fewest frames a second that are completed
 _BLOCK = 1000  # frames that are computed at once
 
 

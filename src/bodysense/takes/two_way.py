@@ -36,8 +36,8 @@ BESIDE = 5.0  # s before and after a window that are completed with it; the back
 _EASE = 1e-4  # s; points that are seen again are reached at once, and the rest of the body is still eased
 FADE = 1.0  # s of the crossfade between windows
 _FRAMES = 60  # frames in one call of the pass that infers the person
-# Parts of `_FRAMES` from which the person is inferred, spread over the take. Proportions from all frames of a longer
-# take are no nearer to the true ones: on clips of CMU, means of 2 to 12 mm with half as many parts and with all.
+# Parts of `_FRAMES` from which the person is inferred, spread over the take. Twice as many as were needed: with half of
+# them, bones of two longer clips of CMU were 5 and 10 mm off in the mean, with all frames 7 and 12 mm.
 _PARTS = 60
 _ARRAYS = ("points", "measured", "confidence", "bound", "contact", "rest_offset")
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .points import BODY as JOINTS
-from .points import BODY_PARTNER, BODY_POINTS, HEAD, HIPS, PARENT, PARTNER, PELVIS, SIDES, WRISTS, at
+from .points import BODY_PARTNER, BODY_POINTS, HEAD, HEAD_TOP, HIPS, PARENT, PARTNER, PELVIS, SIDES, WRISTS, at
 from .tracked import KNUCKLES, Tracked
 
 HEAD_HEIGHT = 1.5  # m, of the head joint of the reference stature above the soles
@@ -111,6 +111,7 @@ class Before:
 READ_ALWAYS = [
     PELVIS,
     HEAD,
+    HEAD_TOP,
     *(at(f"{side}_{joint}") for side in SIDES for joint in ("knee", "ankle", "elbow", "wrist")),
 ]
 

@@ -54,8 +54,6 @@ def test_data_info_with_occlusion(two_people: Path, tmp_path: Path, run) -> None
     ("command", "keys"),
     [
         (("ik", "--frames", 10, "--noise", 0.02), {"p50_ms", "p95_ms", "p99_ms"}),
-        (("occlusion", "--frames", 200), {"frames_per_second"}),
-        (("bvh", "--megabytes", 1), {"mb_per_second", "bare_parse_mb_per_second", "ratio"}),
         (
             ("take", "--minutes", 0.1),
             {f"{causal}frames_per_{processor}second" for causal in ("", "causal_") for processor in ("", "processor_")},
@@ -66,7 +64,6 @@ def test_data_info_with_occlusion(two_people: Path, tmp_path: Path, run) -> None
             {"draw_frames_per_second", "step_frames_per_second"},
             marks=pytest.mark.slow,
         ),
-        (("import", "--runs", 1), {"package_seconds", "seconds", "numpy_seconds", "torch_imported"}),
     ],
     ids=lambda value: "_".join(map(str, value)) if isinstance(value, tuple) else "",
 )

@@ -63,15 +63,20 @@ class Stopped(BaseException):
 
 
 def stop_after_first_checkpoint(arguments: list[str]) -> None:
-    save, saved = fit.save_checkpoint, []
+    """Run a training until the step after its first checkpoint begins."""
+    save, step, saved = fit.save_checkpoint, fit.take_step, []
 
-    def once(*given: Any) -> None:
-        if saved:
-            raise Stopped
+    def marked(*given: Any) -> None:
         saved.append(save(*given))
 
+    def stopping(*given: Any) -> Any:
+        if saved:
+            raise Stopped
+        return step(*given)
+
     with pytest.MonkeyPatch.context() as patch, pytest.raises(Stopped):
-        patch.setattr(fit, "save_checkpoint", once)
+        patch.setattr(fit, "save_checkpoint", marked)
+        patch.setattr(fit, "take_step", stopping)
         main(arguments)
 
 

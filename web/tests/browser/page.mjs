@@ -19,14 +19,14 @@ const ARGUMENTS = [
   "--enable-unsafe-swiftshader",
 ];
 
-/** Serve a folder that `bodysense page` wrote, as a static host does that packs nothing: its address, and the bytes that
- * it sent. What a browser has already is not sent again.
+/** Serve a folder, as a static host does that packs nothing: its address, and the bytes that it sent. What a browser has
+ * already is not sent again.
  */
 export async function serveFolder(folder) {
   let sent = 0;
   const server = createServer((request, response) => {
     const path = new URL(request.url ?? "/", "http://page").pathname;
-    const name = path === "/" ? "index.html" : path.slice(1);
+    const name = (path.endsWith("/") ? `${path}index.html` : path).slice(1);
     readFile(join(folder, name)).then(
       (content) => {
         const tag = `"${createHash("sha256").update(content).digest("base64url")}"`;

@@ -31,7 +31,7 @@ from bodysense.observing.world_axes import TURNS, UpAxis
 
 _PERSON = (1.3, 2.3)  # m: height of a person
 _CHILD = 0.9  # m: height of a smaller person, allowed in metres, centimetres or millimetres
-_USUAL_HEIGHT = 1.70  # m: height given to a body of unknown unit
+USUAL_HEIGHT = 1.70  # m: height given to a body of unknown unit
 _FLOOR_TOLERANCE = 0.10  # m: soles this close to zero are on the floor
 _UNIT_NAMES = {"m": "metres", "cm": "centimetres", "mm": "millimetres", "in": "inches", "ft": "feet"}
 _KNOWN_UNITS = {
@@ -267,7 +267,7 @@ def _find_unit(height: float, is_cmu: bool) -> tuple[str, float]:
     for name in ("metres", "centimetres", "millimetres"):
         if _CHILD <= height * _KNOWN_UNITS[name] < low:
             return name, _KNOWN_UNITS[name]
-    return "", _USUAL_HEIGHT / height
+    return "", USUAL_HEIGHT / height
 
 
 def _upward(
@@ -277,7 +277,7 @@ def _upward(
 
     Raises BodysenseError if no axis is likely, and for a told axis that the motion contradicts.
     """
-    metres = _USUAL_HEIGHT / size
+    metres = USUAL_HEIGHT / size
     points = {name: point for name, point in points.items() if name in BODY or name.endswith(("_toe", "_top"))}
     names = list(points)
     first, later, moment = moments(len(figure), figure.frame_rate)
@@ -343,6 +343,6 @@ def _find_floor(place: _Places, size: float, up: UpAxis) -> float:
     soles = [height[name] - _SOLE[part] * leg for name in place if (part := name.partition("_")[2]) in _SOLE]
     # People who lie, crawl or stand on their hands rest on other joints.
     others = [name for name in place if name in BODY and name.partition("_")[2] not in _SOLE]
-    resting = clearance_of(others) * size / _USUAL_HEIGHT
+    resting = clearance_of(others) * size / USUAL_HEIGHT
     lowest = [*soles, *(height[name] - over for name, over in zip(others, resting, strict=True))]
     return float(np.percentile(np.min(lowest, axis=0), 5))

@@ -79,7 +79,7 @@ def motion(frames: int, seed: int, batch: int = 1, hidden: float = 0.5) -> Track
         head_rotation=torch.tensor(quaternion_exp(angle), dtype=torch.float32),
         interval=torch.tensor(rng.uniform(0.02, 0.05, size=(batch, frames)), dtype=torch.float32),
         bone_length=torch.tensor(SKELETON.bone_length * rng.uniform(0.9, 1.1, size=(batch, 1)), dtype=torch.float32),
-        height=torch.tensor(SKELETON.height * rng.uniform(0.9, 1.1, size=batch), dtype=torch.float32),
+        height=torch.tensor(SKELETON.extent * rng.uniform(0.9, 1.1, size=batch), dtype=torch.float32),
     )
 
 
@@ -212,7 +212,8 @@ def test_an_untrained_change_of_zero_repeats_the_last_known(networks) -> None:
     answer, _ = complete(network, tracked)
     np.testing.assert_allclose(answer.position.numpy(), tracked.position.numpy(), atol=1e-5)
     nothing = tracked._replace(visible=torch.zeros_like(tracked.visible))
-    standing, _ = forward_kinematics(standing_pose(SKELETON.scaled(float(tracked.height))))
+    sized = SKELETON.with_offsets(SKELETON.rest_offset * (float(tracked.height) / SKELETON.extent))
+    standing, _ = forward_kinematics(standing_pose(sized))
     turn = network.facing(tracked.head_rotation)[0][0, 0].numpy()
     yaw = np.array([0.0, np.arctan2(turn[1], turn[0]), 0.0])
     expected = quaternion_rotate(quaternion_exp(yaw), standing - standing[HEAD]) + tracked.head_position[0, 0].numpy()

@@ -133,7 +133,7 @@ def test_bones_have_the_wearers_lengths(form: str, networks, waving_clip: Clip) 
     network = networks[form]
     tracked, truth = tracked_of(waving_clip.pose[:5], network)
     offset = network.offsets(truth, tracked) * network.size(tracked)[:, None, :, None]
-    known = network.prepare(tracked).known * SKELETON.height / 1.7
+    known = network.prepare(tracked).known * SKELETON.extent / 1.7
     vectors = _bones(offset, known, *bones(network.config, SKELETON))
     length = SKELETON.bone_length[network.bone_points]
     np.testing.assert_allclose(np.linalg.norm(vectors[0].numpy(), axis=-1), np.tile(length, (5, 1)), atol=1e-5)

@@ -27,7 +27,7 @@ def test_the_truth_in_the_networks_frame_is_the_truth_in_the_world(waving_clip: 
         head_rotation=torch.tensor(rotation[None, :, head], dtype=torch.float32),
         interval=torch.full((1, len(waving_clip)), 1 / 30),
         bone_length=torch.tensor(skeleton.bone_length[None], dtype=torch.float32),
-        height=torch.tensor([skeleton.height], dtype=torch.float32),
+        height=torch.tensor([skeleton.extent], dtype=torch.float32),
     )
     offset = torch.from_numpy(sequence.offset)[None]
     predicted = BodyPrediction(offset, torch.zeros(offset.shape[:-1]), torch.ones(offset.shape[:-1]))

@@ -57,9 +57,9 @@ def skate(subject: Subject) -> Series:
     far = (later(pelvis, half) - later(pelvis, -half)) * _FLAT  # over a whole second, too
     goes = norm(far) > _WALKS * 2 * half * subject.interval
     counted = goes & (speed > _WALKS) & (speed < _RUNS) & (subject.lower_sole - subject.ground < 0.2)
+    need(counted.sum() * subject.interval >= 2, "the body walks for less than two seconds")
     left, right = ((subject.line(f"{side}_hip", f"{side}_knee") * ahead).sum(-1)[counted] for side in SIDES)
-    walks = counted.sum() * subject.interval >= 2 and np.corrcoef(left, right)[0, 1] < -0.3
-    need(walks, "the body walks for less than two seconds")
+    need(np.corrcoef(left, right)[0, 1] < -0.3, "the body moves, but its thighs do not swing in turns")
     return np.clip(along, 0, distance)[counted].sum() / distance[counted].sum()
 
 

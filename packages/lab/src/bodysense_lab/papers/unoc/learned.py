@@ -75,7 +75,7 @@ class Learned:
     def _constants(self) -> dict[str, np.ndarray]:
         return {
             "bone_length": self.skeleton.bone_length.astype(np.float32)[None],
-            "height": np.array([self.skeleton.height], dtype=np.float32),
+            "height": np.array([self.skeleton.extent], dtype=np.float32),
         }
 
     def start(self) -> LearnedState:

@@ -133,7 +133,7 @@ class PointRunner:
         return {
             "rest": rest.astype(np.float32)[None],
             "bone_length": self.skeleton.bone_length.astype(np.float32)[None],
-            "height": np.array([self.skeleton.height], dtype=np.float32),
+            "height": np.array([self.skeleton.extent], dtype=np.float32),
         }
 
     def start(self) -> PointState:

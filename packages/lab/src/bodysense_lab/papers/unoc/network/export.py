@@ -92,7 +92,7 @@ def write_point_network(network: PointNetwork, path: Path, task: Task, card: dic
         rotation=upright.expand(1, 1, len(THREE_POINTS), 4).clone(),
         rest=torch.zeros(1, len(config.places), 3),
         bone_length=torch.tensor(skeleton.bone_length[None], dtype=torch.float32),
-        height=torch.tensor([skeleton.height], dtype=torch.float32),
+        height=torch.tensor([skeleton.extent], dtype=torch.float32),
     )
     card = {
         "task": task,

@@ -133,7 +133,7 @@ class BodyNetwork(nn.Module):
         self.finger: list[int] = np.flatnonzero(skeleton.wrist_of >= 0).tolist()
         self.other: list[int] = [p for p in range(len(skeleton.points)) if p != head]
         self.body: list[int] = [p for p in self.other if p not in self.finger]
-        reference = skeleton.scaled(REFERENCE_HEIGHT)
+        reference = skeleton.with_offsets(skeleton.rest_offset * (REFERENCE_HEIGHT / skeleton.extent))
         position, _ = forward_kinematics(standing_pose(reference))
         scale = np.where(at_wrist, FINGER_SCALE, 1.0)[:, None]
         self.register_buffer("standing", torch.tensor(position - position[origin], dtype=torch.float32))
@@ -309,7 +309,7 @@ def tracked_of(observation: Observation, skeleton: Skeleton) -> TrackedBody:
         head_rotation=batch(rotation[:, head]),
         interval=batch(interval),
         bone_length=batch(skeleton.bone_length),
-        height=torch.tensor([skeleton.height], dtype=torch.float32),
+        height=torch.tensor([skeleton.extent], dtype=torch.float32),
     )
 
 

@@ -83,7 +83,7 @@ class PointNetwork(nn.Module):
         ]
         self.bones = bones(config, skeleton)
 
-        reference = skeleton.scaled(REFERENCE_HEIGHT)
+        reference = skeleton.with_offsets(skeleton.rest_offset * (REFERENCE_HEIGHT / skeleton.extent))
         self.hand_length = hand_length(reference)
         self.bone_points = skeleton.indices([name for name, _ in _named_bones(config, skeleton)]).tolist()
         self.hand_points = skeleton.indices(["left_middle1", "right_middle1"]).tolist()

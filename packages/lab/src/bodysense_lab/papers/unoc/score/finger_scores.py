@@ -134,7 +134,7 @@ def body_features(clip: Clip) -> np.ndarray:
     position, rotation = forward_kinematics(clip.pose)
     head, *wrists = skeleton.indices(["head", "left_wrist", "right_wrist"])
     body = [k for k in range(len(skeleton.joints)) if skeleton.wrist_of[k] < 0 and k != head]
-    place = local_offset(skeleton, position, rotation)[:, body] * (1.7 / skeleton.height)
+    place = local_offset(skeleton, position, rotation)[:, body] * (1.7 / skeleton.extent)
     away = quaternion_conjugate(heading(rotation[:, head]))[:, None]
     turned = quaternion_multiply(np.repeat(away, len(wrists), axis=1), rotation[:, wrists])
     pointing = np.array([[1.0, 0, 0], [-1.0, 0, 0]])

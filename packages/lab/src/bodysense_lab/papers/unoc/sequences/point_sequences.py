@@ -68,7 +68,7 @@ def tracked_of(pose: Pose, network: PointNetwork) -> tuple[TrackedPoints, Tensor
         rotation=torch.from_numpy(rotation[..., skeleton.indices(THREE_POINTS), :]),
         rest=torch.tensor(resting_offset(skeleton)[None, places], dtype=torch.float32),
         bone_length=torch.tensor(skeleton.bone_length[None], dtype=torch.float32),
-        height=torch.tensor([skeleton.height], dtype=torch.float32),
+        height=torch.tensor([skeleton.extent], dtype=torch.float32),
     )
     return tracked, torch.from_numpy(position[..., places, :])
 
