@@ -43,8 +43,9 @@ from bodysense_lab.core.scoring import RATE
 from bodysense_lab.data.clips import training_clips
 from bodysense_lab.synthesis.scenes import KINDS, sequence
 
-# Shares of the samples: usual sensors and random signals on recorded people, and both on scripted scenes.
-SHARES = {"usual": 0.5, "signals": 0.25, "scenes": 0.25}
+# Shares of the samples: usual sensors and random signals on recorded people, and both on scripted scenes. Half of usual
+# sensors: bounds of random signals hold for 76 % of their joints instead of 80 %.
+SHARES = {"usual": 0.35, "signals": 0.45, "scenes": 0.2}
 # Random sets besides the usual ones: from the lattice of sensors, and of any kind, each on a few scenes. With 60 sets
 # on 32 scenes each, the map underrates errors of sets that it has not read by two fifths.
 _EDGES, _SIGNALS, _FEW = 100, 300, 6
