@@ -17,7 +17,7 @@ FOLLOWING = ("left_hip", "spine1", "neck", "right_collar", "left_foot")
 
 
 def test_they_move_no_other_joint() -> None:
-    """The network read them, as it rarely did in training: other joints moved by up to 6 cm, and by 1 to 3 mm in the mean."""
+    """Where the network read them, other joints moved by up to 6 cm, and by 1 to 3 mm in the mean."""
     clip = packaged_performance()
     pose, time = clip.pose[:FRAMES], clip.time[:FRAMES]
 

@@ -54,7 +54,8 @@ float stature(const vec3 rest_offset[BS_POINTS]) {
 }
 
 /* Whether a point's position follows from the measured pose of its parent, and tells nothing of other joints: of hips,
- * spine, shoulders and feet. Few sequences of training have such points; head tops and knuckles many, as cameras see them. */
+ * spine, shoulders and feet. Few sequences of training have such points. Many have head tops and knuckles, which cameras
+ * see. */
 static bool follows(const tracked *seen, int point) {
     switch (point) {
     case PELVIS: case HEAD: case HEAD_TOP: case LEFT_KNEE: case RIGHT_KNEE: case LEFT_ANKLE: case RIGHT_ANKLE:
