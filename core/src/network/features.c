@@ -53,16 +53,17 @@ float stature(const vec3 rest_offset[BS_POINTS]) {
     return (height[HEAD] - lowest) / REFERENCE_HEAD + FLATTEST;
 }
 
-static bool has_pose(const tracked *seen, int joint) { return seen->has_position[joint] && seen->has_rotation[joint]; }
-
 /* Whether a point's position follows from the measured pose of its parent, and tells nothing of other joints: of hips,
- * spine, shoulders and feet. Few sequences of training have such points; head tops many, as cameras see them. */
+ * spine, shoulders and feet. Few sequences of training have such points. Many have head tops and knuckles, which cameras
+ * see. */
 static bool follows(const tracked *seen, int point) {
     switch (point) {
     case PELVIS: case HEAD: case HEAD_TOP: case LEFT_KNEE: case RIGHT_KNEE: case LEFT_ANKLE: case RIGHT_ANKLE:
     case LEFT_ELBOW: case RIGHT_ELBOW: case LEFT_WRIST: case RIGHT_WRIST: return false;
-    default: return !(point < BODY_JOINTS && turned(seen, point)) && has_pose(seen, PARENT[point]);
+    default: break;
     }
+    if (point < BODY_JOINTS && turned(seen, point)) return false;
+    return seen->has_position[PARENT[point]] && seen->has_rotation[PARENT[point]];
 }
 
 reading read_person(const tracked *seen, const input_memory *last) {
@@ -77,8 +78,7 @@ reading read_person(const tracked *seen, const input_memory *last) {
         vec3 sum = vec(0, 0, 0);
         for (int k = 0; k < KNUCKLES; k++) sum = add(sum, seen->knuckle[hand][k]);
         read.place[BODY_POINTS + hand] = scale(sum, 0.25F);
-        read.has_place[BODY_POINTS + hand] =
-            seen->has_knuckles[hand] && !has_pose(seen, hand ? RIGHT_WRIST : LEFT_WRIST);
+        read.has_place[BODY_POINTS + hand] = seen->has_knuckles[hand];
     }
     for (int joint = 0; joint < BODY_JOINTS; joint++) read.has_axes[joint] = turned(seen, joint);
     return read;

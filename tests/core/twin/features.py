@@ -120,19 +120,14 @@ def follows(seen: Tracked, point: int) -> bool:
     """Whether a point's position follows from its parent's measured pose and tells nothing of other joints."""
     if point in READ_ALWAYS or (point < JOINTS and seen.turned(point)):
         return False
-    return has_pose(seen, PARENT[point])
-
-
-def has_pose(seen: Tracked, joint: int) -> bool:
-    """Whether position and rotation of a joint are measured."""
-    return bool(seen.has_position[joint] and seen.has_rotation[joint])
+    return bool(seen.has_position[PARENT[point]] and seen.has_rotation[PARENT[point]])
 
 
 def remember(seen: Tracked) -> Before:
     """Return tracked values to compare with when memories advance next."""
     knuckles = [sum(places, np.zeros(3, np.float32)) * single(0.25) for places in seen.knuckle]
     has = [seen.has_position[point] and not follows(seen, point) for point in BODY_POINTS]
-    has += [has and not has_pose(seen, wrist) for has, wrist in zip(seen.has_knuckles, WRISTS, strict=True)]
+    has += [*seen.has_knuckles]
     axes = seen.rotation[SPINNING].transpose(0, 2, 1)[:, :2]
     turned = [seen.turned(joint) for joint in SPINNING]
     return Before(np.concatenate([seen.position[BODY_POINTS], knuckles]), np.array(has), axes, np.array(turned))
