@@ -73,7 +73,7 @@ def fit_primitives(skeleton: Skeleton) -> Primitives:
     """
     default = default_skeleton()
     _check_tree(skeleton, default)
-    scale = skeleton.height / default.height
+    scale = skeleton.extent / default.extent
     trunk = _trunk_map(default, skeleton, scale)
     crown = default.index("head_top")
     rise = skeleton.rest_offset[crown, 1] - scale * default.rest_offset[crown, 1]

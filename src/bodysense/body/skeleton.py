@@ -149,7 +149,10 @@ class Skeleton:
 
     @cached_property
     def extent(self) -> float:
-        """Distance from the lowest to the highest point of the rest pose, metres. Soles are below the lowest point."""
+        """Distance from the lowest to the highest point of the rest pose, metres, by which bodies are scaled.
+
+        Soles are below the lowest point.
+        """
         high = (self.path @ self.rest_offset)[:, 1]
         return float(high.max() - high.min())
 

@@ -51,7 +51,7 @@ class Clip:
 def at_height(clip: Clip, height: float) -> Clip:
     """Scale the body to `height` m at unchanged proportions and rotations; the root's path is scaled with it."""
     skeleton = clip.pose.skeleton.scaled(height)
-    root = clip.pose.root_position * (skeleton.height / clip.pose.skeleton.height)
+    root = clip.pose.root_position * (skeleton.extent / clip.pose.skeleton.extent)
     return replace(clip, pose=Pose(skeleton, root, clip.pose.rotation))
 
 

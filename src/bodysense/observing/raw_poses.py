@@ -55,7 +55,7 @@ def with_joints(observation: Observation, skeleton: Skeleton) -> Observation:
                 f"observation: {observation.points[k]!r} and {points[k]!r} are the same point; give one of them"
             )
     turn, shift = (np.stack(part) for part in zip(*(_mount(observation.points[k]) for k in raw), strict=True))
-    shift = shift * skeleton.height / default_skeleton().height
+    shift = shift * skeleton.extent / default_skeleton().extent
     position, rotation = observation.position.copy(), observation.rotation.copy()
     turned = quaternion_multiply(rotation[..., raw, :], np.broadcast_to(turn, rotation[..., raw, :].shape))
     rotation[..., raw, :] = quaternion_canonical(turned)

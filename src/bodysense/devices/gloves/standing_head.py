@@ -74,7 +74,7 @@ class StandingHead:
         middle = wrist[known].mean(axis=0)
         # Hanging hands are at the body's sides.
         hanging = np.clip((height + shoulders[:, 1].mean() - middle[1]) / length.mean(), 0.0, 1.0)
-        ahead = _AHEAD * self.skeleton.height * (1 - _HANGING * hanging**2)
+        ahead = _AHEAD * self.skeleton.extent * (1 - _HANGING * hanging**2)
         target = np.array([middle[0] - ahead * heading[0], height, middle[2] - ahead * heading[1]])
         position = target if state.position is None else state.position + share * (target - state.position)
         position = self._within_reach(position, shoulders, length, wrist, known)

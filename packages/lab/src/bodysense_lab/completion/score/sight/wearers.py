@@ -65,7 +65,7 @@ def head_paths(folder: Path, skeleton: Skeleton) -> Iterator[HeadPath]:
             f"--headset {folder}: it has no {FILE}; give the folder of recorded headsets, or leave it out"
         )
     eyes = next(np.array(row["offset"]) for row in default_body()["landmarks"] if row["name"] == "between_eyes")
-    eyes = eyes * skeleton.height / default_skeleton().height
+    eyes = eyes * skeleton.extent / default_skeleton().extent
     standing = float(rest_heights(skeleton)[skeleton.index("head")])
     with np.load(path, allow_pickle=False) as stored:
         for name in TAKES:
@@ -95,7 +95,7 @@ def with_hands(path: HeadPath, palms: Palms, skeleton: Skeleton) -> Observation:
         if palms == "hanging":
             offset, held = standing[place] - standing[skeleton.index("head")], turned[place]
         else:
-            offset = _GRIP * [sign, 1.0, 1.0] * skeleton.height / default_skeleton().height
+            offset = _GRIP * [sign, 1.0, 1.0] * skeleton.extent / default_skeleton().extent
             held = quaternion_exp(np.array([0.0, -sign * np.pi / 2, 0.0]))  # fingers ahead, palm down
             if palms == "inward":
                 held = quaternion_multiply(quaternion_exp(np.array([0.0, 0.0, -sign * np.pi / 2])), held)
