@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 # Pinocchio takes its names from a C++ module.
 # pyright: reportAttributeAccessIssue=false
 import numpy as np
@@ -75,6 +77,18 @@ def test_any_order_in_memory_gives_the_same_and_stays_as_it_is(shape: tuple[int,
     for found, wanted in zip(forward_kinematics(given), forward_kinematics(pose), strict=True):
         np.testing.assert_array_equal(found, wanted)
     np.testing.assert_array_equal(laid, random_pose(shape, seed=4).rotation)
+
+
+@pytest.mark.parametrize("laid", [np.asfortranarray, lambda offset: np.repeat(offset, 2, axis=1)[:, ::2]])
+@pytest.mark.parametrize(
+    "skeleton_of", [BODY.with_offsets, lambda offset: Skeleton(BODY.joints, BODY.end_sites, BODY.parents, offset)]
+)
+def test_offsets_in_any_order_in_memory_give_the_same(
+    laid: Callable[[np.ndarray], np.ndarray], skeleton_of: Callable[[np.ndarray], Skeleton]
+) -> None:
+    offset = np.random.default_rng(5).normal(size=BODY.rest_offset.shape)
+    pose = random_pose((2,), seed=5, skeleton=skeleton_of(laid(offset)))
+    np.testing.assert_allclose(forward_kinematics(pose)[0][1], loop(pose[1], offset)[0], atol=1e-12)
 
 
 def test_forward_kinematics_equals_pinocchio() -> None:

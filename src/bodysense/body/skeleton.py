@@ -45,7 +45,7 @@ class Skeleton:
         return f"Skeleton({len(self.joints)} joints, {len(self.end_sites)} end sites, {self.height:.2f} m)"
 
     def __post_init__(self) -> None:
-        offset = np.array(self.rest_offset, dtype=np.float64)
+        offset = np.array(self.rest_offset, dtype=np.float64, order="C")  # as the compiled core reads it
         offset.setflags(write=False)
         object.__setattr__(self, "rest_offset", offset)
         names = self.points
@@ -165,7 +165,7 @@ class Skeleton:
 
     def with_offsets(self, rest_offset: np.ndarray) -> Skeleton:
         """Return the skeleton with other rest offsets (P, 3), metres."""
-        offset = np.array(rest_offset, dtype=np.float64)
+        offset = np.array(rest_offset, dtype=np.float64, order="C")
         if offset.shape != self.rest_offset.shape or not (
             isfinite(np.vdot(offset, offset)) or np.isfinite(offset).all()  # the first is faster
         ):
