@@ -69,7 +69,7 @@ class Figure:
     def __len__(self) -> int:
         return len(self.rotation)
 
-    @property
+    @cached_property
     def points(self) -> tuple[str, ...]:
         """Names of all points: joints, then end sites."""
         return self.joints + self.end_sites
