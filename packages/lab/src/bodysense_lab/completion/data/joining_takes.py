@@ -110,7 +110,7 @@ def draw_observation(scene: TrackedScene, rng: np.random.Generator) -> Observati
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     if kind == "lattice":
         edges = _edges()
-        return scene.observe(edges[int(rng.integers(len(edges)))].more)
+        return scene.observe(observed_set(edges[int(rng.integers(len(edges)))].more))
     if kind == "signals":
         return scene.observe(observed_set(draw_signal(rng, TRAINING_SIGNALS)))
     if kind == "holes":
