@@ -118,9 +118,9 @@ def _missing(path: Path, typed: str) -> BodysenseError:
     """Return the error about a file that does not exist, with the nearest names of its folder."""
     scheme, is_address, rest = typed.partition(":/")
     if is_address and len(scheme) > 1:  # one letter is a drive
-        if scheme.lower() == "file":
-            return BodysenseError(f"{typed}: an address, and only files are read; give its path, /{rest.lstrip('/')}")
-        return BodysenseError(f"{typed}: an address, and only files are read; download it first")
+        address = typed if rest.startswith("/") else f"{scheme}://{rest}"  # a path has dropped the second slash
+        way = f"give its path, /{rest.lstrip('/')}" if scheme.lower() == "file" else "download it first"
+        return BodysenseError(f"{address}: an address, and only files are read; {way}")
     folder = path.parent
     if not folder.is_dir():
         return BodysenseError(
