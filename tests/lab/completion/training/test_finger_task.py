@@ -319,8 +319,7 @@ def test_each_network_is_scored_on_the_person_it_left_out(corpus: Corpus) -> Non
     numbers = finger_numbers(scores)
     assert numbers["finger_occluded_ratio"] == pytest.approx(scores[0].ratio)
     assert numbers["finger_synthesised_ratio"] == pytest.approx(
-        numbers["finger_synthesised_cm"]
-        / numbers["finger_synthesised_baseline_cm"]
+        numbers["finger_synthesised_cm"] / numbers["finger_synthesised_baseline_cm"]
     )
     with pytest.raises(BodysenseError, match=r"--leave-out carl.*valid are anna, bert"):
         without_person(people, "carl")
