@@ -47,7 +47,7 @@ networks for each set.
     bodysense evaluate finger-synthesis --data DATA --json FIGURES/finger-synthesis.json
     bodysense evaluate transitions --data DATA --json FIGURES/transitions.json
     bodysense study build STUDY --scenes 6
-    bodysense study simulate STUDY/key.json -o ANSWERS --preference truth=0.76,ours=0.3
+    bodysense study simulate STUDY/key.json -o ANSWERS --truth 0.76 --ours 0.3
     bodysense study analyze STUDY/key.json ANSWERS/*.json --json FIGURES/study.json
 
 HMD-VAE. VAES comes from `bodysense train hmd-vae --sweep --grid one`.
