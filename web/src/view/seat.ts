@@ -15,7 +15,7 @@ const SIZE = 0.42; // m, width and depth
 const SHINS = 0.07; // m from the ankles back to the front of the box, which does not cut them
 const FARTHEST_BACK = 0.19; // m by which the box gives way to shins; its front stays under the hips
 const RESTED = 2; // s in which hips that keep their place sit, also over their feet: a squat is not held as long
-const STILL = 0.1; // m by which resting hips move
+const STILL = 0.1; // m/s: resting hips are slower
 const CHAIR = 0.3; // m, height of a seat that resting hips are on: lower ones squat
 
 /** A place to sit on, m, and the direction that it faces, rad about +Y. */
@@ -50,7 +50,7 @@ export class Seat {
   );
   private place: Place | null = null;
   private sat = 0; // s
-  private low: Place | null = null; // where the hips came to rest
+  private low: Place | null = null; // of the hips, averaged over a second
   private rested = 0; // s
 
   constructor() {
@@ -77,7 +77,11 @@ export class Seat {
   private resting(low: Place | null, seconds: number): Place | null {
     const stays = low !== null && this.low !== null && distance(this.low, low) < STILL;
     this.rested = stays ? this.rested + seconds : 0;
-    if (!stays) this.low = low;
+    if (low && stays) {
+      const { at } = this.low ?? low;
+      const [x, y, z] = at.map((value, k) => value + (low.at[k] - value) * Math.min(seconds, 1));
+      this.low = { ...low, at: [x, y, z] };
+    } else this.low = low;
     return low && low.at[1] >= CHAIR && this.rested >= RESTED ? low : null;
   }
 }
