@@ -46,6 +46,8 @@ networks for each set.
         --json FIGURES/unoc-table6-TRAIN-TEST.json      (TRAIN and TEST: cmu and rocketbox, all four)
     bodysense evaluate finger-synthesis --data DATA --json FIGURES/finger-synthesis.json
     bodysense evaluate transitions --data DATA --json FIGURES/transitions.json
+    bodysense evaluate unoc-figure5 FIGURES/demo/truth.bvh -o docs/figures/unoc-figure5.webp
+    bodysense evaluate unoc-figure7 FIGURES/demo/truth.bvh -o docs/figures/unoc-figure7.webp
     bodysense study build STUDY --scenes 6
     bodysense study simulate STUDY/key.json -o ANSWERS --preference truth=0.76,ours=0.3
     bodysense study analyze STUDY/key.json ANSWERS/*.json --json FIGURES/study.json
@@ -55,8 +57,9 @@ HMD-VAE. VAES comes from `bodysense train hmd-vae --sweep --grid one`.
     bodysense evaluate hmd-vae --data DATA --networks VAES --json FIGURES/hmd-vae.json
     bodysense train hmd-vae --data DATA -o FOLDER --sweep --grid all --limit 20 --steps 20 --batch 64
     python scripts/measure_figures.py FIGURES/hmd-vae-sweep.json FOLDER
-    bodysense evaluate hmd-vae-figure4 FIGURES/demo/truth.bvh --networks MODEL1 … MODEL4 -o figure4.png, saved as
-    docs/figures/hmd-vae-figure4.webp
+    bodysense evaluate hmd-vae-figure4 FIGURES/demo/truth.bvh --networks MODEL1 … MODEL4 \
+        -o docs/figures/hmd-vae-figure4.webp
+    … without --networks, with --span 1.5 4.5, into docs/figures/hmd-vae-walk.webp
     bodysense evaluate hmd-vae --data DATA --networks body_vae.onnx --json body-vae.json   (then `bodysense train card
     body_vae.onnx --figures body-vae.json`)
 
