@@ -8,7 +8,7 @@ unchanged. DATA is a folder of motion or a prepared store.
     python scripts/measure_figures.py FIGURES/marker-sets.json       (and marker-gaps, mounts, gloves-expected,
     gloves-steps)
     bodysense evaluate completion --data DATA --json FIGURES/completion.json
-    … the same with --limit 36 --takes --lattice, into FIGURES/completion-takes.json
+    … the same with --limit 36 --takes, into FIGURES/completion-takes.json
     … the same with --sets mocopi_six dip_six slimevr_five slimevr_six --no-mean-body, into FIGURES/suits.json
     … the same with --split val --bodies own --takes, into FIGURES/validation.json, for the cards of the networks
     bodysense evaluate kinds --data DATA --json FIGURES/kinds.json
