@@ -29,7 +29,7 @@ _LONG = 1.35  # times the path along the bones: two points are not farther apart
 _SHORT = 0.06  # times that path: no three points of a body are as near to each other
 _SLACK = 0.1  # m by which two points may be farther apart in addition: joints are where devices place them
 _TALL = 2.7  # m: no head is higher, also of a tall person who jumps
-_USUAL_HEAD = 2.1  # m: no head of a person who stands is higher
+_USUAL_HEAD = 2.1  # m: a standing person's head is lower
 _SUNK = 0.2  # m under the floor: a point that is lower is in a world with another floor
 _LOW_HEAD = 0.3  # m: an upright head is higher, also of a child that sits on the floor
 _FLAT_HEAD = 0.05  # m: the middle of a head is higher, whatever the pose
@@ -42,10 +42,10 @@ _CROSSED = 0.15  # m by which both wrists must be on the other side
 _FAR_CROSSED = 0.3  # m: crossed arms do not reach as far
 _HANGING = 0.4  # times the height of the head, by which hanging hands are below it; those of crossed arms are not
 _FINGERS = -0.3  # cosine of fingers and view: they point back at the wearer
-_ANKLE_HEIGHT = 0.08  # m, of a mean adult who stands
+_ANKLE_HEIGHT = 0.08  # m, of a standing mean adult
 _REACHING, _CARRIED = 0.6, 0.65  # times the path along the bones: usual distances of hands, and of trunk and legs
 _LENGTHS = 0.7  # times the path along the bones: a trunk and legs that are as long are in metres
-_EYES = 1.55  # m over the floor, of the head of a mean adult who stands
+_EYES = 1.55  # m over the floor, of a standing mean adult's head
 _TRUNK = ("head", "neck", "spine3", "spine2", "spine1", "pelvis")
 _AXES: tuple[UpAxis, ...] = ("x", "y", "z", "-x", "-y", "-z")
 _WORLD = ("unit", "axis", "floor")  # a doubt of a later kind follows from one of an earlier kind
@@ -54,7 +54,7 @@ _UNITS = "one of " + ", ".join(UNITS)
 
 @dataclass(frozen=True)
 class Guard:
-    """What was looked at and reported of one state's world."""
+    """Looks at one state's world, and reported doubts."""
 
     until: float = inf  # s: no look after it
     due: float = -inf  # s of the next look
