@@ -165,3 +165,17 @@ def test_the_tracker_asks_once_for_a_state() -> None:
     restored = tracker.restore(state.to_bytes())
     later = replace(high[4:5], time=high.time[4:5] + 33.5)
     assert tracker.step(later, restored)[0].notices == ()
+
+
+@pytest.mark.parametrize("times", [(0.0, 1e18, 1e18), (np.nan, np.nan, 1.0), (3.0, 2.0, 1.0), (0.0, np.inf, np.inf)])
+def test_impossible_times_end_the_look(times: tuple[float, ...]) -> None:
+    """They are refused by the step; the guard must only come back."""
+    seen = replace(upright(1, "stand").seen(*SETS["head"])[: len(times)], time=np.array(times))
+    assert len(notices(seen)) <= 1
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e300, 0.0])
+def test_impossible_values_end_the_look(value: float) -> None:
+    seen = upright(1, "stand").seen(*SETS["six points"])[:3]
+    bad = replace(seen, position=np.full_like(seen.position, value), rotation=np.full_like(seen.rotation, value))
+    assert len(notices(bad)) <= 1

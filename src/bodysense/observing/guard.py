@@ -27,6 +27,7 @@ _WATCHED = 20.0  # s from the first frame in which a wrong world is looked for
 _LOOK = 0.5  # s between looks
 _LONG = 1.35  # times the path along the bones: two points are not farther apart on any adult
 _SHORT = 0.06  # times that path: no three points of a body are as near to each other
+_NUMBERS = 1e6  # positions beyond it are refused, not doubted
 _SLACK = 0.1  # m by which two points may be farther apart in addition: joints are where devices place them
 _TALL = 2.7  # m: no head is higher, also of a tall person who jumps
 _USUAL_HEAD = 2.1  # m: a standing person's head is lower
@@ -86,16 +87,19 @@ def watch(guard: Guard, observation: Observation, before: float, floor: float) -
     Each notice names the value, what is valid and the fix.
     """
     found: list[tuple[str, str]] = []
-    steps = np.diff(np.concatenate([[before], observation.time]))
+    with np.errstate(invalid="ignore"):
+        steps = np.diff(np.concatenate([[before], observation.time]))
     long = np.concatenate([[guard.slow], steps > _LONGEST_STEP])
     if (long[1:] & long[:-1]).any():
         found.append(("times", _interval_notice(float(np.median(steps[steps > _LONGEST_STEP])))))
     due, until, frames = guard.due, guard.until, len(observation)
-    while (k := int(np.searchsorted(observation.time, due))) < frames:
+    k = int(np.searchsorted(observation.time, due))
+    while k < frames:
         moment = float(observation.time[k])
         until = moment + _WATCHED if until == inf else until
         due = inf if moment > until else moment + _LOOK
         found += _doubts(observation, k, floor) if moment <= until else []
+        k = max(k + 1, int(np.searchsorted(observation.time, due)))  # times may be invalid: it must advance
     fresh: dict[str, str] = {}
     for kind, text in found:
         before_it = _WORLD[: _WORLD.index(kind) + 1] if kind in _WORLD else (kind,)
@@ -162,10 +166,12 @@ def _points(observation: Observation, k: int) -> PlacedPoints:
     """Return the points of the body in frame `k`."""
     skeleton = default_skeleton()
     known = [n for n, name in enumerate(observation.points) if name in skeleton.points]
-    placed = [n for n in known if observation.has_position[k, n]]
+    near = (np.abs(observation.position[k]) < _NUMBERS).all(axis=-1) & observation.has_position[k]  # NaN compares false
+    placed = [n for n in known if near[n]]
     names = tuple(observation.points[n] for n in placed)
     rows = skeleton.indices(names)
-    turned = {observation.points[n]: observation.rotation[k, n] for n in known if observation.has_rotation[k, n]}
+    unit = (np.abs(observation.rotation[k]) < 2.0).all(axis=-1) & observation.has_rotation[k]
+    turned = {observation.points[n]: observation.rotation[k, n] for n in known if unit[n]}
     return PlacedPoints(names, observation.position[k, placed], _paths()[np.ix_(rows, rows)], turned)
 
 
