@@ -12,6 +12,8 @@ from typing import Any, TypeAlias
 import array_api_compat
 import numpy as np
 
+from bodysense.geometry.compiled import are_numbers_of_numpy, on_rows
+
 Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor
 
 _AXES = {"X": 0, "Y": 1, "Z": 2}
@@ -68,6 +70,8 @@ def cross(a: Array, b: Array) -> Array:
 
 def quaternion_multiply(a: Array, b: Array) -> Array:
     """Return the Hamilton product: first `b`, then `a`. (..., 4), (..., 4) → (..., 4)."""
+    if are_numbers_of_numpy(a, b):
+        return on_rows("bs_multiply_rotations", a, b)
     xp = array_namespace(a, b)
     aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
     bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
@@ -96,6 +100,8 @@ def quaternion_canonical(q: Array) -> Array:
 
 def quaternion_rotate(q: Array, v: Array) -> Array:
     """Rotate vectors: (..., 4), (..., 3) → (..., 3)."""
+    if are_numbers_of_numpy(q, v):
+        return on_rows("bs_rotate_vectors", q, v)
     t = 2 * cross(q[..., 1:], v)
     return v + q[..., :1] * t + cross(q[..., 1:], t)
 
@@ -134,6 +140,8 @@ def matrix_to_quaternion(m: Array) -> Array:
 
 def quaternion_exp(rotation_vector: Array) -> Array:
     """Convert axis-angle vectors (radians) to quaternions: (..., 3) → (..., 4)."""
+    if are_numbers_of_numpy(rotation_vector):
+        return on_rows("bs_exp_rotations", rotation_vector)
     xp = array_namespace(rotation_vector)
     squared = dot(rotation_vector, rotation_vector)
     small = squared < 1e-8
@@ -145,6 +153,8 @@ def quaternion_exp(rotation_vector: Array) -> Array:
 
 def quaternion_log(q: Array) -> Array:
     """Convert quaternions to axis-angle vectors of at most π radians: (..., 4) → (..., 3)."""
+    if are_numbers_of_numpy(q):
+        return on_rows("bs_log_rotations", q)
     xp = array_namespace(q)
     q = quaternion_canonical(q)
     w, v = q[..., :1], q[..., 1:]

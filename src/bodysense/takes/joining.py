@@ -12,9 +12,8 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.body.skeleton import ARM, BODY, LEG, Skeleton, default_skeleton
+from bodysense.geometry.compiled import on_rows
 from bodysense.geometry.rotation import (
-    normalize,
-    quaternion_canonical,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_log,
@@ -122,8 +121,8 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
 
 def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
     """Return the weighted mean (..., 4) of two rotations; `share` is the weight of the second."""
-    sign = np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    return np.asarray(quaternion_canonical(normalize((1 - share) * a + share * sign * b)))
+    share = np.broadcast_to(np.asarray(share, np.float64), (*np.shape(share)[:-1], 1))
+    return on_rows("bs_mean_rotations", a, b, share)
 
 
 def keep_tracked_rotations(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:
