@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from bodysense.geometry import rotation as r
-from bodysense.geometry.compiled import are_numbers_of_numpy, on_rows
+from bodysense.geometry.rotation import are_numbers_of_numpy, on_rows
 
 ROWS = 400
 FUNCTIONS: dict[str, tuple[Callable[..., Any], tuple[int, ...]]] = {

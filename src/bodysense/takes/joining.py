@@ -12,7 +12,6 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.body.skeleton import ARM, BODY, LEG, Skeleton, default_skeleton
-from bodysense.geometry.compiled import on_rows
 from bodysense.geometry.rotation import (
     quaternion_conjugate,
     quaternion_exp,
@@ -117,12 +116,6 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
     ratio = np.log(past[:, body].mean(axis=1) / future[:, body].mean(axis=1))
     odds = BACKWARD_SHARE / (1 - BACKWARD_SHARE) * np.exp(SURENESS * smoothed(ratio, STEADY / seconds))
     return odds / (1 + odds)
-
-
-def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
-    """Return the weighted mean (..., 4) of two rotations; `share` is the weight of the second."""
-    share = np.broadcast_to(np.asarray(share, np.float64), (*np.shape(share)[:-1], 1))
-    return on_rows("bs_mean_rotations", a, b, share)
 
 
 def keep_tracked_rotations(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:

@@ -22,13 +22,13 @@ from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import (
     heading,
+    mean_rotation,
     quaternion_conjugate,
     quaternion_log,
     quaternion_multiply,
     quaternion_rotate,
     quaternion_to_matrix,
 )
-from bodysense.takes.joining import mean_rotation
 from bodysense.tensors import tensors_of
 
 if TYPE_CHECKING:
