@@ -2,18 +2,26 @@
 
 All functions take arrays of NumPy or PyTorch (through the Array API) with any leading batch axes, and return arrays of
 the same library. They are differentiable on PyTorch. Quaternions are active rotations, `child → parent`.
+
+Many rows of NumPy's float64 are turned by the compiled core: equal bits, and one call instead of dozens.
 """
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, TypeAlias
 
 import array_api_compat
 import numpy as np
 
+from bodysense.files import load_library
+
 Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor
 
+_DOUBLE = np.dtype(np.float64)
+_WIDEST = 7  # numbers of a row that NumPy adds one after the other; of more it adds pairs
 _AXES = {"X": 0, "Y": 1, "Z": 2}
 
 
@@ -30,6 +38,55 @@ def _numpy_namespace() -> Any:
     return array_api_compat.array_namespace(np.empty(0))
 
 
+def are_doubles(a: Any, b: Any = None) -> bool:
+    """Whether an array, or two, are NumPy's, of float64."""
+    return (
+        type(a) is np.ndarray and a.dtype is _DOUBLE and (b is None or (type(b) is np.ndarray and b.dtype is _DOUBLE))
+    )
+
+
+def _of_pairs(
+    function: Callable[..., None], one: tuple[np.ndarray, int], other: tuple[np.ndarray, int], width: int
+) -> np.ndarray:
+    """Return what a function of the core makes of pairs of rows, given with their widths: (..., width)."""
+    a, b = one[0], other[0]
+    shape = a.shape[:-1]
+    if b.shape[:-1] != shape:
+        shape = np.broadcast_shapes(shape, b.shape[:-1])
+    a, a_step = _rows(a, shape, one[1])
+    b, b_step = _rows(b, shape, other[1])
+    result = np.empty((*shape, width))
+    function(result.size // width, a.ctypes.data, a_step, b.ctypes.data, b_step, result.ctypes.data)
+    return result
+
+
+def _rows(a: np.ndarray, shape: tuple[int, ...], width: int) -> tuple[np.ndarray, int]:
+    """Return an array (..., width) as memory of rows with leading axes `shape`, and numbers from row to row."""
+    if a.shape[-1] != width:
+        raise ValueError(f"rows of {a.shape[-1]} numbers: {width} are expected")
+    if a.shape[:-1] != shape:
+        if a.ndim == 1:
+            return np.ascontiguousarray(a), 0
+        a = np.broadcast_to(a, (*shape, width))
+    if a.flags.c_contiguous:
+        return a, width
+    if a.ndim == 2 and a.strides[1] == 8 and a.strides[0] >= 0 and not a.strides[0] % 8:
+        return a, a.strides[0] // 8
+    return np.ascontiguousarray(a), width
+
+
+@lru_cache(maxsize=1)
+def _core() -> ctypes.CDLL:
+    """Return the compiled core, whose functions for rows are not part of `bodysense.h`."""
+    loaded, size, pointer = load_library("_core"), ctypes.c_size_t, ctypes.c_void_p
+    for function in (loaded.bs_multiply_rows, loaded.bs_rotate_rows, loaded.bs_shortest_arcs):
+        function.restype, function.argtypes = None, [size, pointer, size, pointer, size, pointer]
+    loaded.bs_matrices_of_rows.restype, loaded.bs_matrices_of_rows.argtypes = None, [size, pointer, size, pointer]
+    loaded.bs_normalize_rows.restype = None
+    loaded.bs_normalize_rows.argtypes = [size, pointer, size, size, pointer]
+    return loaded
+
+
 def quaternion_identity(like: Array) -> Array:
     """Return identity quaternions (..., 4) for the leading axes of `like` (..., n), with its dtype and device."""
     xp = array_namespace(like)
@@ -39,6 +96,12 @@ def quaternion_identity(like: Array) -> Array:
 
 def dot(a: Array, b: Array) -> Array:
     """Return the inner product over the last axis, which is kept: (..., n), (..., n) → (..., 1)."""
+    if are_doubles(a, b) and 1 < a.shape[-1] <= _WIDEST:  # columns are added faster than short rows
+        product = a * b
+        total = product[..., :1] + product[..., 1:2]
+        for column in range(2, product.shape[-1]):
+            total += product[..., column : column + 1]
+        return total
     xp = array_namespace(a, b)
     return xp.sum(a * b, axis=-1, keepdims=True)
 
@@ -53,6 +116,11 @@ def safe_norm(a: Array, floor: float = 1e-12) -> Array:
 
 def normalize(a: Array) -> Array:
     """Scale the last axis to unit length. A zero vector stays zero."""
+    if are_doubles(a) and a.size and a.shape[-1] <= _WIDEST:
+        a, step = _rows(a, a.shape[:-1], a.shape[-1])
+        scaled = np.empty(a.shape)
+        _core().bs_normalize_rows(a.size // a.shape[-1], a.ctypes.data, step, a.shape[-1], scaled.ctypes.data)
+        return scaled
     xp = array_namespace(a)
     length = safe_norm(a)
     return a / xp.where(length == 0, xp.ones_like(length), length)
@@ -68,6 +136,8 @@ def cross(a: Array, b: Array) -> Array:
 
 def quaternion_multiply(a: Array, b: Array) -> Array:
     """Return the Hamilton product: first `b`, then `a`. (..., 4), (..., 4) → (..., 4)."""
+    if are_doubles(a, b):
+        return _of_pairs(_core().bs_multiply_rows, (a, 4), (b, 4), 4)
     xp = array_namespace(a, b)
     aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
     bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
@@ -96,12 +166,19 @@ def quaternion_canonical(q: Array) -> Array:
 
 def quaternion_rotate(q: Array, v: Array) -> Array:
     """Rotate vectors: (..., 4), (..., 3) → (..., 3)."""
+    if are_doubles(q, v):
+        return _of_pairs(_core().bs_rotate_rows, (q, 4), (v, 3), 3)
     t = 2 * cross(q[..., 1:], v)
     return v + q[..., :1] * t + cross(q[..., 1:], t)
 
 
 def quaternion_to_matrix(q: Array) -> Array:
     """Convert quaternions to matrices: (..., 4) → (..., 3, 3)."""
+    if are_doubles(q):
+        q, step = _rows(q, q.shape[:-1], 4)
+        matrix = np.empty((*q.shape[:-1], 3, 3))
+        _core().bs_matrices_of_rows(matrix.size // 9, q.ctypes.data, step, matrix.ctypes.data)
+        return matrix
     xp = array_namespace(q)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     rows = [
@@ -187,6 +264,8 @@ def shortest_arc(u: Array, v: Array) -> Array:
 
     Opposite directions turn by π about an axis at right angles to `u`; a zero vector gives the identity.
     """
+    if are_doubles(u, v):
+        return _of_pairs(_core().bs_shortest_arcs, (u, 3), (v, 3), 4)
     xp = array_namespace(u, v)
     u, v = normalize(u), normalize(v)
     # An axis at right angles to u, for the opposite case: drop u's smallest component.
