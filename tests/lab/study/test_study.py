@@ -56,7 +56,8 @@ def key_of(scenes: int, seed: int = 0) -> StudyKey:
 
 def simulated(folder: Path, key: StudyKey, raters: int, seed: int = 0, **quality: float) -> np.ndarray:
     folder.mkdir()
-    write_simulated_answers(folder, key, raters, quality, np.random.default_rng(seed))
+    whole: dict[Condition, float] = {one: quality.get(one, 0.0) for one in CONDITIONS}
+    write_simulated_answers(folder, key, raters, whole, np.random.default_rng(seed))
     return read_all_votes(sorted(folder.iterdir()), key)
 
 
@@ -103,8 +104,8 @@ def test_simulated_preference_is_recovered(tmp_path: Path) -> None:
 
 def test_without_preference_one_in_twenty_is_significant(tmp_path: Path) -> None:
     key = key_of(4)
-    cast = simulated(tmp_path / "a", key, 16 * 60)
-    tested = [one for k in range(60) for one in preferences(key, cast[16 * k : 16 * k + 16])["(all)"]]
+    cast = simulated(tmp_path / "a", key, 16 * 30)
+    tested = [one for k in range(30) for one in preferences(key, cast[16 * k : 16 * k + 16])["(all)"]]
     low, high = stats.binom.interval(0.999, len(tested), 0.05)
     assert low <= sum(one.p < 0.05 for one in tested) <= high
 
