@@ -76,7 +76,7 @@ static void average_lean(vec3 lean, float still, float interval, balance_state *
 
 void balance_prediction(const tracked *t, pose_state *s, prediction *p) {
     balance_state *own = &s->balance;
-    float stands = 0.0F, free = 0.0F, cosine, sine;
+    float stands = 0.0F, cosine, sine;
     heading_of(p->rotation[PELVIS], &cosine, &sine);
     if (predicted_below(t)) {
         body b;
@@ -89,15 +89,15 @@ void balance_prediction(const tracked *t, pose_state *s, prediction *p) {
             float still = stands * between(speed, BALANCE_MOVING, BALANCE_STILL);
             vec3 lean = into_heading(scale(vec(off.x, 0, off.z), 1.0F / off.y), cosine, sine);
             if (s->begun) average_lean(lean, still, t->interval, own);
-            else *own = (balance_state){lean, stands, 0.0F};
-            free = BALANCE_FREE / off.y;
+            else *own = (balance_state){lean, stands, 0.0F, 0.0F};
+            own->free = BALANCE_FREE / off.y;
         }
     }
     own->stands += (stands - own->stands) * (1.0F - power_of_two(-t->interval / BALANCE_FIRST));
     vec3 lean = from_heading(own->lean, cosine, sine);
     float far = length(lean);
-    if (far <= free || own->stands == 0.0F) return;
-    vec3 turn = scale(vec(-lean.z, 0.0F, lean.x), own->stands * (far - free) / far);
+    if (far <= own->free || own->stands == 0.0F) return;
+    vec3 turn = scale(vec(-lean.z, 0.0F, lean.x), own->stands * (far - own->free) / far);
     for (size_t k = 0; k < sizeof TURNED / sizeof *TURNED; k++)
         p->rotation[TURNED[k]] = turned_by(p->rotation[TURNED[k]], turn);
 }
