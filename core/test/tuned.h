@@ -97,6 +97,7 @@ static const struct tuned {
     {"BOUND_LOW_MORE", 0.5, bound_low_more},
     {"BOUND_TILTED_FROM", 0.4, bound_tilted_from},
     {"BOUND_TILTED_MORE", 0.8, bound_tilted_more},
+    {"MISSED_MOST", 4.08, missed_most},
     {"PERSON_SHORTEST", 1, person_shortest},
     {"PERSON_TALLEST", 2.3, person_tallest},
     {"GROWTH_STILL", 0.02, growth_still},

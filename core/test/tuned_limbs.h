@@ -393,4 +393,23 @@ static double bound_low_more(const bs_model *m) { return larger_bound(m, 0.5, 1)
 static double bound_tilted_from(const bs_model *m) { return larger_bound(m, 1, 0.45); }
 static double bound_tilted_more(const bs_model *m) { return larger_bound(m, 1, 0); }
 
+/* By how many hundredths of its logarithm the test model's bound is larger if measured joints are some expected
+ * distances from the predicted body. */
+static double stranger_bound(const bs_model *model, double missed) {
+    static body b;
+    static prediction p;
+    static float finger[2 * HAND_POINTS], off[BS_POINTS], confidence[BS_POINTS], bound[2][BS_POINTS];
+    tracked t = rest_of(model, &b);
+    t.has_position[LEFT_WRIST] = t.has_position[RIGHT_WRIST] = true;
+    for (int k = 0; k < BODY_POINTS; k++) p.error[k] = 0.05F;
+    for (int j = 0; j < BODY_JOINTS; j++) p.unlike[j] = 0.05F;
+    for (int k = 0; k < 2; k++) {
+        p.missed = k ? (float)missed : 0.0F;
+        expected_errors(model, &t, &p, finger, off, confidence, bound[k]);
+    }
+    return 100.0 * log((double)(bound[1][PELVIS] / bound[0][PELVIS]));
+}
+
+static double missed_most(const bs_model *m) { return stranger_bound(m, 100); }
+
 #endif

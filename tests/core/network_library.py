@@ -51,6 +51,7 @@ PREDICTION = np.dtype(
         ("contact", "<f4", 4),
         ("error", "<f4", BODY_POINTS),
         ("unlike", "<f4", JOINTS),
+        ("missed", "<f4"),
     ],
     align=True,
 )

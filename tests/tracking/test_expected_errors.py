@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import spearmanr
@@ -27,3 +29,17 @@ def test_expected_errors_match_true_errors(device: str, most: float) -> None:
     assert 0.7 < expected.mean() / error.mean() < most  # recorded people are less smooth
     assert 0.78 < (error <= bound).mean() < 0.975  # bounds must hold for people and scenes that are less usual
     assert np.asarray(spearmanr(expected, error))[0] > 0.6
+
+
+def test_hands_where_no_one_has_them_make_the_rest_of_the_body_uncertain() -> None:
+    """A network that cannot explain what is measured does not know the rest either."""
+    clip = performance_of_unseen_body()
+    body = clip.pose.skeleton.indices(BODY)
+    seen = simulate(clip, "three_point")
+    displaced = seen.position + np.array([[0.0, 0.0, 0.0], [0.0, 0.4, -0.4], [0.0, 0.4, -0.4]])
+    tracker = Tracker(Person(skeleton=clip.pose.skeleton))
+    usual, _ = tracker.step(seen, tracker.start())
+    strange, _ = tracker.step(replace(seen, position=displaced), tracker.start())
+    for name in ("confidence", "bound"):
+        before, after = (getattr(each, name)[:, body][~each.measured[:, body]].mean() for each in (usual, strange))
+        assert after > 1.4 * before, name

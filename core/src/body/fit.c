@@ -101,6 +101,19 @@ static void turn_branch(const tracked *t, const body *b, const vec3 *found, int 
     p->rotation[joint] = product(product(after, transpose(before)), p->rotation[joint]);
 }
 
+/* How far a placed body is from measured joints, in distances that the network expects, on average. The joint at which
+ * it was placed does not count. 0: there are no others. */
+static float missed_distance(const tracked *t, const body *b, const prediction *p) {
+    const int placed = t->has_position[HEAD] ? HEAD : PELVIS;
+    float sum = 0.0F, count = 0.0F;
+    for (int j = 0; j < BODY_JOINTS; j++) {
+        if (j == placed || !t->has_position[j]) continue;
+        sum += distance(t->position[j], b->point[j]) / (p->error[j] + t->accuracy[j]);
+        count += 1.0F;
+    }
+    return count > 0.0F ? sum / count : 0.0F;
+}
+
 void fit_prediction(const tracked *t, pose_state *s, prediction *p) {
     body b;
     vec3 found[BODY_JOINTS];
@@ -113,6 +126,7 @@ void fit_prediction(const tracked *t, pose_state *s, prediction *p) {
     }
     place(&b, t, p->head);
     place(&b, t, add(p->head, placement(&b, t, p)));
+    p->missed = missed_distance(t, &b, p);
     find_places(t, &b, found);
     turn_branch(t, &b, found, PELVIS, LEFT_HIP, RIGHT_HIP, SPINE1, p);
     turn_branch(t, &b, found, SPINE3, LEFT_COLLAR, RIGHT_COLLAR, NECK, p);

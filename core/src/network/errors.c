@@ -28,9 +28,10 @@ void expected_errors(const bs_model *model, const tracked *seen, const predictio
                      float confidence[BS_POINTS], float bound[BS_POINTS]) {
     float known[ERROR_KNOWN + ERROR_HIDDEN], inside[ERROR_HIDDEN];
     float log_error[(2 * BODY_POINTS + GROUP - 1) / GROUP * GROUP]; /* means, then bounds */
+    const float strange = fminf(fmaxf(predicted->missed, 1.0F), MISSED_MOST);
     float *to = known;
     for (int k = 0; k < BODY_POINTS; k++)
-        *to++ = logarithm(seen->has_position[BODY_POINT[k]] ? TRACKED_ERROR : predicted->error[k]);
+        *to++ = logarithm(seen->has_position[BODY_POINT[k]] ? TRACKED_ERROR : strange * predicted->error[k]);
     for (int k = 0; k < BODY_POINTS; k++) *to++ = seen->has_position[BODY_POINT[k]] ? 1.0F : 0.0F;
     for (int joint = 0; joint < BODY_JOINTS; joint++) *to++ = seen->has_rotation[joint] ? 1.0F : 0.0F;
     for (int k = 0; k < BODY_POINTS; k++) *to++ = seen->deviation[BODY_POINT[k]];

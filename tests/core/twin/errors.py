@@ -9,7 +9,20 @@ from collections.abc import Mapping
 import numpy as np
 
 from .network import Prediction
-from .points import BODY, BODY_POINTS, HAND_POINTS, HEAD, POINTS, WRISTS, rest_height
+from .points import (
+    BODY,
+    BODY_POINTS,
+    HAND_JOINTS,
+    HAND_POINTS,
+    HEAD,
+    JOINTS,
+    PARENT,
+    PATH,
+    PELVIS,
+    POINTS,
+    WRISTS,
+    rest_height,
+)
 from .tracked import Tracked
 
 TRACKED_ERROR = 0.001  # m: stands for the expected error of points that are tracked
@@ -18,6 +31,7 @@ NORMAL_BOUND = 1.567  # 90 % quantile of the length of normal errors in space, b
 LOW_FROM, LOW_AT = 0.8, 0.5  # of the standing height: a head that is lower is rare, and this low
 LOW_MORE, TILTED_MORE = 0.5, 0.8  # by how much bounds are larger for heads as low as `LOW_AT`, and for those that lie
 TILTED_FROM = 0.9  # cosine of a head's tilt: a head that is tilted farther is rare
+MISSED_MOST = 4.0  # expected distances of measured joints from the predicted body: predicted errors grow until here
 
 
 def rarity(seen: Tracked) -> float:
@@ -31,6 +45,23 @@ def rarity(seen: Tracked) -> float:
     return 1 + LOW_MORE * low + TILTED_MORE * tilted
 
 
+def missed_distance(seen: Tracked, predicted: Prediction) -> float:
+    """Return the mean distance of measured joints from the predicted body, in expected distances; 0 if there are none."""
+    rotation = np.empty((JOINTS, 3, 3))
+    for joint in range(BODY):
+        rotation[joint] = seen.rotation[joint] if seen.turned(joint) else predicted.rotation[joint]
+    for wrist, joints in zip(WRISTS, HAND_JOINTS, strict=True):
+        rotation[joints] = rotation[wrist]
+    point = PATH[:, 1:] @ (rotation[PARENT[1:]] @ seen.rest_offset[1:, :, None])[..., 0]
+    has, off = seen.has_position.copy(), seen.position - (point - point[HEAD] + predicted.head)
+    placed = HEAD if has[HEAD] else PELVIS
+    if has.any():
+        off = off - (off[placed] if has[placed] else off[has].mean(axis=0))
+    has[placed] = False
+    missed = np.linalg.norm(off[:BODY], axis=-1) / (predicted.error[:BODY] + seen.accuracy[:BODY])
+    return float(missed[has[:BODY]].mean()) if has[:BODY].any() else 0.0
+
+
 def expected_errors(
     of: Mapping[str, np.ndarray], seen: Tracked, predicted: Prediction, finger_error: np.ndarray, off: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -39,9 +70,10 @@ def expected_errors(
     No measured point is expected to err by less than it is off (65,) m.
     """
     has, joints = seen.has_position[BODY_POINTS], seen.has_position[:BODY]
+    strange = np.clip(missed_distance(seen, predicted), 1, MISSED_MOST)
     known = np.concatenate(
         [
-            np.log(np.where(has, TRACKED_ERROR, predicted.error)),
+            np.log(np.where(has, TRACKED_ERROR, strange * predicted.error)),
             has,
             seen.has_rotation[:BODY],
             seen.deviation[BODY_POINTS],
