@@ -68,13 +68,18 @@ class Block:
 def read_templates(path: Path = TEMPLATES) -> tuple[list[Block], dict[str, Any]]:
     """Return the blocks of all pages, and the figures of the papers' rows."""
     content = tomllib.loads(path.read_text(encoding="utf-8"))
-    rows = content.pop("rows")
+    rows, _ = content.pop("rows"), content.pop("commands")
     blocks = [
         Block(page, one["name"], one["text"].strip("\n"), tuple(one.get("from", ())), tuple(one.get("more", ())))
         for page, found in content.items()
         for one in found
     ]
     return blocks, rows
+
+
+def read_commands(path: Path = TEMPLATES) -> dict[str, str]:
+    """Return the command that writes each file, by the file's name."""
+    return tomllib.loads(path.read_text(encoding="utf-8"))["commands"]
 
 
 def read_measured(folder: Path) -> dict[str, Measured]:
@@ -197,6 +202,7 @@ def hours(seconds: float) -> str:
 
 FUNCTIONS: dict[str, Any] = {  # that expressions may call
     "max": max,
+    "min": min,
     "format": format,
     "hours": hours,
     "megabytes": lambda name: weights_file(name).stat().st_size / 1e6,

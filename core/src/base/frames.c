@@ -1,8 +1,12 @@
-/* Kinematics of whole takes, and rotations of many rows. Sums keep the order of geometry/rotation.py in Python. */
+/* Kinematics and rotations of whole takes. Sums keep the order of `bodysense.geometry.rotation` in Python. */
 #include "frames.h"
-#include <float.h>
+
 #include <math.h>
 #include <string.h>
+
+#define TINY 1e-24       /* squared length below which a quaternion is not normalised */
+#define SMALL_TURN 1e-8  /* rad², squared angle below which sines are taken from their series */
+#define SMALL_SINE 1e-14 /* squared sine of half an angle below which its logarithm is linear */
 
 static inline void multiply(const double a[4], const double b[4], double product[4]) {
     product[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
@@ -43,73 +47,50 @@ void bs_place_frames(const bs_tree *tree, size_t frames, const double *root, con
     }
 }
 
-static inline void cross(const double a[3], const double b[3], double product[3]) {
-    product[0] = a[1] * b[2] - a[2] * b[1];
-    product[1] = a[2] * b[0] - a[0] * b[2];
-    product[2] = a[0] * b[1] - a[1] * b[0];
+void bs_multiply_rotations(size_t count, bs_rows a, bs_rows b, double *product) {
+    for (size_t n = 0; n < count; n++, a.at += a.step, b.at += b.step, product += 4) multiply(a.at, b.at, product);
 }
 
-/* Scale n numbers to unit length; zeros stay zeros. */
-static inline void normalize(size_t n, double *a) {
-    double squared = a[0] * a[0];
-    for (size_t k = 1; k < n; k++)
-        squared += a[k] * a[k];
-    const double length = squared < 1e-12 * 1e-12 ? 0.0 : sqrt(squared);
-    for (size_t k = 0; k < n; k++)
-        a[k] /= length == 0 ? 1.0 : length;
+static inline double cross_part(const double a[3], const double b[3], int k) {
+    const int next = (k + 1) % 3, last = (k + 2) % 3;
+    return a[next] * b[last] - a[last] * b[next];
 }
 
-void bs_multiply_rows(size_t count, const double *a, size_t a_step, const double *b, size_t b_step, double *product) {
-    for (size_t row = 0; row < count; row++)
-        multiply(a + row * a_step, b + row * b_step, product + 4 * row);
-}
-
-void bs_rotate_rows(size_t count, const double *q, size_t q_step, const double *v, size_t v_step, double *rotated) {
-    for (size_t row = 0; row < count; row++) {
-        const double *turn = q + row * q_step, *vector = v + row * v_step;
-        double t[3], across[3];
-        cross(turn + 1, vector, t);
-        for (int k = 0; k < 3; k++)
-            t[k] = 2 * t[k];
-        cross(turn + 1, t, across);
-        for (int k = 0; k < 3; k++)
-            rotated[3 * row + (size_t)k] = vector[k] + turn[0] * t[k] + across[k];
+void bs_rotate_vectors(size_t count, bs_rows rotation, bs_rows vector, double *rotated) {
+    for (size_t n = 0; n < count; n++, rotation.at += rotation.step, vector.at += vector.step, rotated += 3) {
+        const double *axis = rotation.at + 1;
+        double t[3];
+        for (int k = 0; k < 3; k++) t[k] = 2 * cross_part(axis, vector.at, k);
+        for (int k = 0; k < 3; k++) rotated[k] = vector.at[k] + rotation.at[0] * t[k] + cross_part(axis, t, k);
     }
 }
 
-void bs_shortest_arcs(size_t count, const double *u, size_t u_step, const double *v, size_t v_step, double *arc) {
-    for (size_t row = 0; row < count; row++) {
-        double from[3], to[3], *turn = arc + 4 * row;
-        memcpy(from, u + row * u_step, sizeof from);
-        memcpy(to, v + row * v_step, sizeof to);
-        normalize(3, from);
-        normalize(3, to);
-        const double cosine = from[0] * to[0] + from[1] * to[1] + from[2] * to[2];
-        if (cosine < -1 + 4 * DBL_EPSILON) { /* a half turn about an axis at right angles */
-            const double flat = fabs(from[0]) > 0.8, helper[3] = {1 - flat, flat, 0};
-            turn[0] = 0;
-            cross(from, helper, turn + 1);
-            normalize(3, turn + 1);
-        } else {
-            turn[0] = 1 + cosine;
-            cross(from, to, turn + 1);
-            normalize(4, turn);
-        }
+void bs_exp_rotations(size_t count, bs_rows vector, double *rotation) {
+    for (size_t n = 0; n < count; n++, vector.at += vector.step, rotation += 4) {
+        const double *v = vector.at, squared = v[0] * v[0] + v[1] * v[1] + v[2] * v[2], angle = sqrt(squared);
+        const int small = squared < SMALL_TURN;
+        const double scale = small ? 0.5 - squared / 48 : sin(angle / 2) / angle;
+        rotation[0] = small ? 1 - squared / 8 + squared * squared / 384 : cos(angle / 2);
+        for (int k = 0; k < 3; k++) rotation[1 + k] = v[k] * scale;
     }
 }
 
-void bs_normalize_rows(size_t count, const double *a, size_t step, size_t width, double *scaled) {
-    for (size_t row = 0; row < count; row++) {
-        memcpy(scaled + row * width, a + row * step, width * sizeof(double));
-        normalize(width, scaled + row * width);
+void bs_log_rotations(size_t count, bs_rows rotation, double *vector) {
+    for (size_t n = 0; n < count; n++, rotation.at += rotation.step, vector += 3) {
+        const double *q = rotation.at, sign = q[0] < 0 ? -1 : 1, w = sign * q[0];
+        const double squared = q[1] * q[1] + q[2] * q[2] + q[3] * q[3], sine = sqrt(squared);
+        const double scale = squared < SMALL_SINE ? 2 / (w == 0 ? 1 : w) : 2 * atan2(sine, w) / sine;
+        for (int k = 0; k < 3; k++) vector[k] = sign * q[1 + k] * scale;
     }
 }
 
-void bs_matrices_of_rows(size_t count, const double *q, size_t step, double *matrix) {
-    for (size_t row = 0; row < count; row++, matrix += 9) {
-        const double *turn = q + row * step, w = turn[0], x = turn[1], y = turn[2], z = turn[3];
-        matrix[0] = 1 - 2 * (y * y + z * z), matrix[1] = 2 * (x * y - w * z), matrix[2] = 2 * (x * z + w * y);
-        matrix[3] = 2 * (x * y + w * z), matrix[4] = 1 - 2 * (x * x + z * z), matrix[5] = 2 * (y * z - w * x);
-        matrix[6] = 2 * (x * z - w * y), matrix[7] = 2 * (y * z + w * x), matrix[8] = 1 - 2 * (x * x + y * y);
+void bs_mean_rotations(size_t count, bs_rows a, bs_rows b, bs_rows share, double *mean) {
+    for (size_t n = 0; n < count; n++, a.at += a.step, b.at += b.step, share.at += share.step, mean += 4) {
+        double product[4], squared = 0, cosine = 0;
+        for (int k = 0; k < 4; k++) cosine += a.at[k] * b.at[k];
+        const double own = 1 - *share.at, other = cosine < 0 ? -*share.at : *share.at;
+        for (int k = 0; k < 4; k++) product[k] = own * a.at[k] + other * b.at[k], squared += product[k] * product[k];
+        const double length = squared < TINY ? 1 : sqrt(squared), sign = product[0] < 0 ? -1 : 1;
+        for (int k = 0; k < 4; k++) mean[k] = sign * (product[k] / length);
     }
 }

@@ -1,5 +1,5 @@
-/* Kinematics of whole takes, many frames of any skeleton, and rotations of many rows; in double precision. For Python's
- * library, no part of bodysense.h: engines get the places of all points with each step. */
+/* Kinematics and rotations of whole takes: many frames of any skeleton, in double precision. For Python's library, no
+ * part of bodysense.h: engines get the places of all points with each step. */
 #ifndef BODYSENSE_FRAMES_H
 #define BODYSENSE_FRAMES_H
 
@@ -24,18 +24,18 @@ typedef struct bs_tree {
 BS_EXPORTED void bs_place_frames(const bs_tree *tree, size_t frames, const double *root, const double *rotation,
                                  double *position, double *world);
 
-/* Rotations of `count` rows; a row's first number is `step` numbers behind that of the row before, 0 if all rows are one.
- * Write products (count, 4) of quaternions wxyz; vectors (count, 3) turned by quaternions; the smallest rotations
- * (count, 4) that take directions `u` to directions `v`; matrices (count, 3, 3) of quaternions; rows (count, width)
- * scaled to unit length. The functions of geometry/rotation.py that they stand in for give equal bits. Nothing
- * overlaps. */
-BS_EXPORTED void bs_multiply_rows(size_t count, const double *a, size_t a_step, const double *b, size_t b_step,
-                                  double *product);
-BS_EXPORTED void bs_rotate_rows(size_t count, const double *q, size_t q_step, const double *v, size_t v_step,
-                                double *rotated);
-BS_EXPORTED void bs_shortest_arcs(size_t count, const double *u, size_t u_step, const double *v, size_t v_step,
-                                  double *arc);
-BS_EXPORTED void bs_matrices_of_rows(size_t count, const double *q, size_t step, double *matrix);
-BS_EXPORTED void bs_normalize_rows(size_t count, const double *a, size_t step, size_t width, double *scaled);
+/* Rows of numbers, `step` doubles from one to the next. */
+typedef struct bs_rows {
+    const double *at;
+    ptrdiff_t step;
+} bs_rows;
+
+/* Rotations row by row, as `bodysense.geometry.rotation` describes them: quaternions wxyz, vectors, shares. Results are
+ * contiguous and overlap no argument. */
+BS_EXPORTED void bs_multiply_rotations(size_t count, bs_rows a, bs_rows b, double *product);
+BS_EXPORTED void bs_rotate_vectors(size_t count, bs_rows rotation, bs_rows vector, double *rotated);
+BS_EXPORTED void bs_exp_rotations(size_t count, bs_rows vector, double *rotation);
+BS_EXPORTED void bs_log_rotations(size_t count, bs_rows rotation, double *vector);
+BS_EXPORTED void bs_mean_rotations(size_t count, bs_rows a, bs_rows b, bs_rows share, double *mean);
 
 #endif

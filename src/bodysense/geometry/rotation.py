@@ -3,7 +3,8 @@
 All functions take arrays of NumPy or PyTorch (through the Array API) with any leading batch axes, and return arrays of
 the same library. They are differentiable on PyTorch. Quaternions are active rotations, `child → parent`.
 
-Many rows of NumPy's float64 are turned by the compiled core: equal bits, and one call instead of dozens.
+The compiled core computes products, turned vectors, exponentials, logarithms and means of NumPy arrays of float64: one
+pass over the arrays instead of about thirty operations.
 """
 
 from __future__ import annotations
@@ -20,9 +21,15 @@ from bodysense.files import load_library
 
 Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor
 
-_DOUBLE = np.dtype(np.float64)
-_WIDEST = 7  # numbers of a row that NumPy adds one after the other; of more it adds pairs
 _AXES = {"X": 0, "Y": 1, "Z": 2}
+# Numbers in a row of each argument, and of the result.
+_WIDTHS = {
+    "bs_multiply_rotations": (4, 4, 4),
+    "bs_rotate_vectors": (4, 3, 3),
+    "bs_exp_rotations": (3, 4),
+    "bs_log_rotations": (4, 3),
+    "bs_mean_rotations": (4, 4, 1, 4),
+}
 
 
 def array_namespace(*arrays: Array) -> Any:
@@ -38,55 +45,6 @@ def _numpy_namespace() -> Any:
     return array_api_compat.array_namespace(np.empty(0))
 
 
-def are_doubles(a: Any, b: Any = None) -> bool:
-    """Whether an array, or two, are NumPy's, of float64."""
-    return (
-        type(a) is np.ndarray and a.dtype is _DOUBLE and (b is None or (type(b) is np.ndarray and b.dtype is _DOUBLE))
-    )
-
-
-def _of_pairs(
-    function: Callable[..., None], one: tuple[np.ndarray, int], other: tuple[np.ndarray, int], width: int
-) -> np.ndarray:
-    """Return what a function of the core makes of pairs of rows, given with their widths: (..., width)."""
-    a, b = one[0], other[0]
-    shape = a.shape[:-1]
-    if b.shape[:-1] != shape:
-        shape = np.broadcast_shapes(shape, b.shape[:-1])
-    a, a_step = _rows(a, shape, one[1])
-    b, b_step = _rows(b, shape, other[1])
-    result = np.empty((*shape, width))
-    function(result.size // width, a.ctypes.data, a_step, b.ctypes.data, b_step, result.ctypes.data)
-    return result
-
-
-def _rows(a: np.ndarray, shape: tuple[int, ...], width: int) -> tuple[np.ndarray, int]:
-    """Return an array (..., width) as memory of rows with leading axes `shape`, and numbers from row to row."""
-    if a.shape[-1] != width:
-        raise ValueError(f"rows of {a.shape[-1]} numbers: {width} are expected")
-    if a.shape[:-1] != shape:
-        if a.ndim == 1:
-            return np.ascontiguousarray(a), 0
-        a = np.broadcast_to(a, (*shape, width))
-    if a.flags.c_contiguous:
-        return a, width
-    if a.ndim == 2 and a.strides[1] == 8 and a.strides[0] >= 0 and not a.strides[0] % 8:
-        return a, a.strides[0] // 8
-    return np.ascontiguousarray(a), width
-
-
-@lru_cache(maxsize=1)
-def _core() -> ctypes.CDLL:
-    """Return the compiled core, whose functions for rows are not part of `bodysense.h`."""
-    loaded, size, pointer = load_library("_core"), ctypes.c_size_t, ctypes.c_void_p
-    for function in (loaded.bs_multiply_rows, loaded.bs_rotate_rows, loaded.bs_shortest_arcs):
-        function.restype, function.argtypes = None, [size, pointer, size, pointer, size, pointer]
-    loaded.bs_matrices_of_rows.restype, loaded.bs_matrices_of_rows.argtypes = None, [size, pointer, size, pointer]
-    loaded.bs_normalize_rows.restype = None
-    loaded.bs_normalize_rows.argtypes = [size, pointer, size, size, pointer]
-    return loaded
-
-
 def quaternion_identity(like: Array) -> Array:
     """Return identity quaternions (..., 4) for the leading axes of `like` (..., n), with its dtype and device."""
     xp = array_namespace(like)
@@ -96,12 +54,6 @@ def quaternion_identity(like: Array) -> Array:
 
 def dot(a: Array, b: Array) -> Array:
     """Return the inner product over the last axis, which is kept: (..., n), (..., n) → (..., 1)."""
-    if are_doubles(a, b) and 1 < a.shape[-1] <= _WIDEST:  # columns are added faster than short rows
-        product = a * b
-        total = product[..., :1] + product[..., 1:2]
-        for column in range(2, product.shape[-1]):
-            total += product[..., column : column + 1]
-        return total
     xp = array_namespace(a, b)
     return xp.sum(a * b, axis=-1, keepdims=True)
 
@@ -116,11 +68,6 @@ def safe_norm(a: Array, floor: float = 1e-12) -> Array:
 
 def normalize(a: Array) -> Array:
     """Scale the last axis to unit length. A zero vector stays zero."""
-    if are_doubles(a) and a.size and a.shape[-1] <= _WIDEST:
-        a, step = _rows(a, a.shape[:-1], a.shape[-1])
-        scaled = np.empty(a.shape)
-        _core().bs_normalize_rows(a.size // a.shape[-1], a.ctypes.data, step, a.shape[-1], scaled.ctypes.data)
-        return scaled
     xp = array_namespace(a)
     length = safe_norm(a)
     return a / xp.where(length == 0, xp.ones_like(length), length)
@@ -136,8 +83,8 @@ def cross(a: Array, b: Array) -> Array:
 
 def quaternion_multiply(a: Array, b: Array) -> Array:
     """Return the Hamilton product: first `b`, then `a`. (..., 4), (..., 4) → (..., 4)."""
-    if are_doubles(a, b):
-        return _of_pairs(_core().bs_multiply_rows, (a, 4), (b, 4), 4)
+    if are_numbers_of_numpy(a, b):
+        return on_rows("bs_multiply_rotations", a, b)
     xp = array_namespace(a, b)
     aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
     bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
@@ -166,19 +113,14 @@ def quaternion_canonical(q: Array) -> Array:
 
 def quaternion_rotate(q: Array, v: Array) -> Array:
     """Rotate vectors: (..., 4), (..., 3) → (..., 3)."""
-    if are_doubles(q, v):
-        return _of_pairs(_core().bs_rotate_rows, (q, 4), (v, 3), 3)
+    if are_numbers_of_numpy(q, v):
+        return on_rows("bs_rotate_vectors", q, v)
     t = 2 * cross(q[..., 1:], v)
     return v + q[..., :1] * t + cross(q[..., 1:], t)
 
 
 def quaternion_to_matrix(q: Array) -> Array:
     """Convert quaternions to matrices: (..., 4) → (..., 3, 3)."""
-    if are_doubles(q):
-        q, step = _rows(q, q.shape[:-1], 4)
-        matrix = np.empty((*q.shape[:-1], 3, 3))
-        _core().bs_matrices_of_rows(matrix.size // 9, q.ctypes.data, step, matrix.ctypes.data)
-        return matrix
     xp = array_namespace(q)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
     rows = [
@@ -211,6 +153,8 @@ def matrix_to_quaternion(m: Array) -> Array:
 
 def quaternion_exp(rotation_vector: Array) -> Array:
     """Convert axis-angle vectors (radians) to quaternions: (..., 3) → (..., 4)."""
+    if are_numbers_of_numpy(rotation_vector):
+        return on_rows("bs_exp_rotations", rotation_vector)
     xp = array_namespace(rotation_vector)
     squared = dot(rotation_vector, rotation_vector)
     small = squared < 1e-8
@@ -222,6 +166,8 @@ def quaternion_exp(rotation_vector: Array) -> Array:
 
 def quaternion_log(q: Array) -> Array:
     """Convert quaternions to axis-angle vectors of at most π radians: (..., 4) → (..., 3)."""
+    if are_numbers_of_numpy(q):
+        return on_rows("bs_log_rotations", q)
     xp = array_namespace(q)
     q = quaternion_canonical(q)
     w, v = q[..., :1], q[..., 1:]
@@ -254,6 +200,12 @@ def slerp(a: Array, b: Array, t: Array) -> Array:
     return quaternion_multiply(a, quaternion_exp(step * (t if isinstance(t, (int, float)) else t[..., None])))
 
 
+def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
+    """Return the weighted mean (..., 4) of two rotations (NumPy); `share` (..., 1) is the weight of the second."""
+    share = np.broadcast_to(np.asarray(share, np.float64), (*np.shape(share)[:-1], 1))
+    return on_rows("bs_mean_rotations", a, b, share)
+
+
 def smooth_step(share: Array) -> Array:
     """Return 3x² - 2x³, which goes from 0 to 1 with zero slope at both ends."""
     return share**2 * (3 - 2 * share)
@@ -264,8 +216,6 @@ def shortest_arc(u: Array, v: Array) -> Array:
 
     Opposite directions turn by π about an axis at right angles to `u`; a zero vector gives the identity.
     """
-    if are_doubles(u, v):
-        return _of_pairs(_core().bs_shortest_arcs, (u, 3), (v, 3), 4)
     xp = array_namespace(u, v)
     u, v = normalize(u), normalize(v)
     # An axis at right angles to u, for the opposite case: drop u's smallest component.
@@ -354,3 +304,52 @@ def quaternion_to_euler(q: Array, order: str) -> Array:
     first = xp.where(locked, xp.atan2(sign * m[..., k, j], m[..., j, j]), xp.atan2(-sign * m[..., j, k], m[..., k, k]))
     last = xp.where(locked, xp.zeros_like(sine), xp.atan2(-sign * m[..., i, j], m[..., i, i]))
     return xp.stack([first, middle, last], axis=-1)
+
+
+class _StridedRows(ctypes.Structure):
+    """`bs_rows`."""
+
+    _fields_ = [("at", ctypes.c_void_p), ("step", ctypes.c_ssize_t)]
+
+
+def are_numbers_of_numpy(*arrays: object) -> bool:
+    """Whether all arrays are NumPy's, of float64: those that the compiled core computes."""
+    return all(type(one) is np.ndarray and one.dtype == np.float64 for one in arrays)
+
+
+def on_rows(name: str, *arrays: np.ndarray) -> np.ndarray:
+    """Return what a function of the core gives for each row of arrays (..., n), whose leading axes broadcast."""
+    function, *widths, width = _function(name)
+    shape = arrays[0].shape[:-1]
+    if any(one.shape[:-1] != shape for one in arrays):
+        shape = np.broadcast_shapes(*(one.shape[:-1] for one in arrays))
+    if [one.shape[-1] for one in arrays] != widths:
+        raise ValueError(f"rows of {[one.shape[-1] for one in arrays]} numbers; {name} takes {widths}")
+    whole = [_rows(one, shape) for one in arrays]  # refers to the memory until the call is done
+    result = np.empty((*shape, width))
+    function(result.size // width, *(rows for rows, _ in whole), result.ctypes.data)
+    return result
+
+
+def _rows(values: np.ndarray, shape: tuple[int, ...]) -> tuple[_StridedRows, np.ndarray]:
+    """Return the rows of an array, broadcast to leading axes, and the array that owns them."""
+    if values.shape[:-1] != shape:
+        values = np.broadcast_to(values, (*shape, values.shape[-1]))
+    steps = values.strides
+    if (
+        values.ndim == 2
+        and values.dtype == np.float64
+        and steps[1] == values.itemsize
+        and steps[0] % values.itemsize == 0
+    ):
+        return _StridedRows(values.ctypes.data, steps[0] // values.itemsize), values
+    values = np.ascontiguousarray(values, np.float64)
+    return _StridedRows(values.ctypes.data, values.shape[-1]), values
+
+
+@lru_cache(maxsize=len(_WIDTHS))
+def _function(name: str) -> tuple[Callable[..., None], *tuple[int, ...]]:
+    """Return a function of the core, and the numbers in a row of its arguments and of its result."""
+    function, widths = getattr(load_library("_core"), name), _WIDTHS[name]
+    function.restype, function.argtypes = None, [ctypes.c_size_t, *[_StridedRows] * (len(widths) - 1), ctypes.c_void_p]
+    return function, *widths

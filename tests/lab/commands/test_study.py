@@ -36,7 +36,7 @@ def test_build_writes_the_pages_and_the_key(tmp_path: Path, short_clip: Clip, sm
 
 def test_analyze_finds_the_preference_of_simulated_raters(tmp_path: Path, key: Path, run) -> None:
     out, numbers = tmp_path / "answers", tmp_path / "numbers.json"
-    given = ("--raters", 39, "--preference", "truth=0.9,ours=0.5", "--seed", 1)
+    given = ("--raters", 39, "--truth", 0.9, "--ours", 0.5, "--seed", 1)
     assert run("study", "simulate", key, "-o", out, *given) == f"wrote 39 files to {out}\n"
     files = sorted(out.iterdir())
     assert [files[0].name, files[-1].name] == ["answers-simulated-001.json", "answers-simulated-039.json"]
@@ -63,8 +63,7 @@ BAD = {
     "analyze {key} {cut}": "cut.json is not JSON",
     "analyze {key} {one} {one}": "rater 'simulated-001' has answered in",
     "analyze {key} {one} --json {folder}/no/n.json": "the folder {folder}/no does not exist",
-    "simulate {key} -o {folder}/s --preference theirs=1": "unknown condition 'theirs'; valid are",
-    "simulate {key} -o {folder}/s --preference ours=much": "'much' is not a number; write ours=0.6",
+    "simulate {key} -o {folder}/s --ours much": "--ours",
     "simulate {key} -o {folder}/s --raters 0": "--raters 0: give a whole number",
     "simulate {key} -o {folder}/s --seed -1": "--seed -1: give a whole number",
     "build {folder}": "exists; name a new folder",

@@ -56,7 +56,8 @@ def key_of(scenes: int, seed: int = 0) -> StudyKey:
 
 def simulated(folder: Path, key: StudyKey, raters: int, seed: int = 0, **quality: float) -> np.ndarray:
     folder.mkdir()
-    write_simulated_answers(folder, key, raters, quality, np.random.default_rng(seed))
+    whole: dict[Condition, float] = {one: quality.get(one, 0.0) for one in CONDITIONS}
+    write_simulated_answers(folder, key, raters, whole, np.random.default_rng(seed))
     return read_all_votes(sorted(folder.iterdir()), key)
 
 

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from bodysense.body.person import Person
 from bodysense.body.skeleton import BODY
 from bodysense.devices.simulated.sensors import SENSOR_SETS
+from bodysense.observing.observation import Observation
 from bodysense_lab.completion.data.points import INPUT_POINTS
 from bodysense_lab.completion.kinds.lattice import random_edges, with_sensor
+from bodysense_lab.completion.kinds.lattice_scores import choose_scenes, score_lattice
+from bodysense_lab.completion.score.scenes import TrackedScene
+from bodysense_lab.completion.score.tracking import TrackedMotion
 from bodysense_lab.completion.training.options import TABLE_SETS
+
+from ..conftest import Oracle
 
 
 def test_the_tables_have_known_sensor_sets() -> None:
@@ -39,3 +48,23 @@ def test_the_same_edges_are_drawn_again() -> None:
     assert random_edges(20) == random_edges(20)
     assert random_edges(20) == random_edges(200)[:20]
     assert random_edges(20, np.random.default_rng(5)) != random_edges(20)
+
+
+def test_edges_whose_sensor_harms_are_found(scenes: list[TrackedScene]) -> None:
+    unseen = scenes[1::2]  # on unseen bodies; some sets have rotations alone, which are those of both bodies
+    chosen = choose_scenes(unseen)
+
+    def harmed(people: Sequence[Person], observations: Sequence[Observation]) -> list[TrackedMotion]:
+        harm = 0.01 * (observations[0].has_position[0].sum() + observations[0].has_rotation[0].sum())
+        return Oracle(unseen, lambda position, scene: position * [1, 1, 1 + harm])(people, observations)
+
+    edges = random_edges(12)
+    assert [score.violates for score in score_lattice(edges, chosen, harmed)] == [True] * 12
+    unharmed = Oracle(unseen, lambda position, scene: position + np.array([0.0, 0.0, 0.05]))
+    assert not any(score.violates for score in score_lattice(edges, chosen, unharmed))
+
+
+def test_scenes_of_edges_are_of_the_main_categories(scenes: list[TrackedScene]) -> None:
+    chosen = choose_scenes([*[scene for scene in scenes if scene.name.startswith("anna")], *scenes])
+    assert chosen[0].name == "anna/anna-waves"
+    assert {scene.group for scene in chosen} == {"main"}

@@ -34,7 +34,7 @@ from bodysense_lab.core.scoring import RATE
 
 from ..conftest import Oracle
 
-SMALL = CompletionSettings(sets=("three_point", "headset_camera"), edges=0)
+SMALL = CompletionSettings(sets=("three_point", "headset_camera"))
 
 
 def exact(scene: TrackedScene, position: np.ndarray | None = None) -> TrackedMotion:
@@ -217,7 +217,7 @@ def test_the_sheet_has_the_worst_frames(clips: list[Clip], scenes: list[TrackedS
 
 
 def test_a_finger_blinks_with_a_tracked_head_alone(clips: list[Clip], scenes: list[TrackedScene]) -> None:
-    settings = CompletionSettings(sets=("head",), bodies=("own",), edges=0)
+    settings = CompletionSettings(sets=("head",), bodies=("own",))
     numbers = evaluate_completion(clips, settings, track=Oracle(scenes), times=None).numbers()
     assert numbers["head_own_extra_jumps_per_minute"] == 0 and "head_own_pj_ratio" not in numbers
 

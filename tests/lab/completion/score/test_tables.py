@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -22,7 +21,6 @@ from bodysense.observing.observation import Observation
 from bodysense.parallel import parallel_map
 from bodysense.quality.metrics import jitter
 from bodysense_lab.completion.data.blinks import FINGER, with_finger
-from bodysense_lab.completion.kinds.lattice_scores import choose_scenes
 from bodysense_lab.completion.score import scoring, tables
 from bodysense_lab.completion.score.scenes import TrackedScene, scene_of
 from bodysense_lab.completion.score.scoring import evaluate_completion
@@ -41,7 +39,7 @@ from bodysense_lab.data.datasets import Census, DataSet
 
 from ..conftest import Oracle
 
-SMALL = CompletionSettings(sets=("three_point", "headset_camera"), edges=0)
+SMALL = CompletionSettings(sets=("three_point", "headset_camera"))
 
 
 def score(clips: list[Clip], track: TrackPeople, settings: CompletionSettings = SMALL) -> CompletionTable:
@@ -154,29 +152,13 @@ def test_jumps_are_counted_beyond_the_truth() -> None:
     assert count_jumps(smooth, truth, 2) == 2  # off its course, and back on it
 
 
-def test_the_lattice_finds_sensors_that_harm(clips: list[Clip], scenes: list[TrackedScene]) -> None:
-    chosen = [scene for scene in scenes if scene.name.startswith("anna")]
-    assert [scene.name for scene in choose_scenes([*chosen, *scenes])][:1] == ["anna/anna-waves"]
-
-    unseen = scenes[1::2]  # on unseen bodies; some sets have rotations alone, which are those of both bodies
-
-    def harmed(people: Sequence[Person], observations: Sequence[Observation]) -> list[TrackedMotion]:
-        harm = 0.01 * (observations[0].has_position[0].sum() + observations[0].has_rotation[0].sum())
-        return Oracle(unseen, lambda position, scene: position * [1, 1, 1 + harm])(people, observations)
-
-    settings = replace(SMALL, sets=("head",), bodies=("stranger",), edges=12)
-    numbers = score(clips, harmed, settings).numbers()
-    assert (numbers["lattice_violations"], numbers["lattice_edges"]) == (12, 12)
-    assert score(clips, Oracle(unseen, shift_legs), settings).numbers()["lattice_violations"] == 0
-
-
 def test_takes_have_the_measures_of_live_tracking(clips: list[Clip]) -> None:
     """Takes completed by live tracking have its figures; without `takes` there are no figures of takes."""
 
     def live(person: Person, seen: Observation) -> TrackedMotion:
         return track_people([person], [seen])[0]
 
-    settings = CompletionSettings(sets=("headset_camera",), bodies=("own",), edges=0, takes=True)
+    settings = CompletionSettings(sets=("headset_camera",), bodies=("own",), takes=True)
     numbers = evaluate_completion(clips[:1], settings, takes=live, times=None).numbers()
     suffix = next(name for name in numbers if "_take_mpjpe_cm" in name).partition("_take_mpjpe_cm")[2]
     for name in TAKE_MEASURES:
@@ -193,7 +175,7 @@ def test_takes_have_the_measures_of_live_tracking(clips: list[Clip]) -> None:
 
 @pytest.fixture(scope="module")
 def table(clips: list[Clip], scenes: list[TrackedScene]) -> CompletionTable:
-    settings = CompletionSettings(edges=4)
+    settings = CompletionSettings()
     return evaluate_completion(
         clips, settings, track=Oracle(scenes, shift_legs), times=lambda person, seen: np.full(len(seen), 0.001)
     )
@@ -210,7 +192,6 @@ def test_all_keys_are_present(table: CompletionTable) -> None:
         assert np.isfinite(numbers[f"{name}_ece"]) and 0 <= numbers[f"{name}_cover90"] <= 1
     for body in BODIES:
         assert numbers[f"headset_camera_{body}_occluded_mpjpe_cm"] > 0 and numbers[f"headset_camera_{body}_ratio"] > 0
-    assert numbers["lattice_edges"] == 4 and numbers["lattice_violations"] == 0
 
 
 @pytest.mark.slow
@@ -232,7 +213,6 @@ def test_reports_and_picture(table: CompletionTable, tmp_path: Path) -> None:
             assert one.low <= one.value <= one.high
             assert one.value == pytest.approx(figure(table, name, body, headline(name)))
     assert {len(row) for row in confidence.rows} == {len(confidence.columns)}
-    assert any("random edges" in remark for remark in short.remarks)
     assert short.numbers["clips_in_split"] == 3 and len(short.data) == 1
     sample = completion_reports(table, Census(3, frozenset("a"), 6.0), data, 5)[0]
     one = table.interval(TABLE_SETS[0], BODIES[0])
@@ -252,7 +232,7 @@ def test_a_finger_that_is_never_tracked_changes_nothing(clips: list[Clip]) -> No
 
 @pytest.mark.slow
 def test_processes_share_the_work(clips: list[Clip]) -> None:
-    settings = CompletionSettings(sets=("three_point",), bodies=("own", "stranger"), edges=2)
+    settings = CompletionSettings(sets=("three_point",), bodies=("own", "stranger"))
     score_with = partial(evaluate_completion, clips, settings, track=PeopleTracker(None), times=None)
     one, two = score_with().numbers(), score_with(parallel_map=partial(parallel_map, jobs=2)).numbers()
     assert one == pytest.approx(two, nan_ok=True)

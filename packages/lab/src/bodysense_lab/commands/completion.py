@@ -119,7 +119,7 @@ def completion_table(
     work: Flat[EvaluationWork],
     files: Flat[EvaluationFiles],
 ) -> None:
-    """Score the tracker on any sensors and proportions: errors, motion, feet, confidence, lattice of sensors."""
+    """Score the tracker on any sensors and proportions: errors, motion, feet, confidence."""
     from bodysense.cli.show import wide_console, write_numbers
     from bodysense.parallel import parallel_map
     from bodysense_lab.completion.score.baselines import cached_mean_body, count_of_split
@@ -143,7 +143,7 @@ def completion_table(
         take_tracker = TakeTracker(networks.model, networks.backward_model, networks.joining_model)
     _ = track.network, take_tracker and take_tracker.networks  # refuse other files before any work
     data = open_data_set(scope.data, scope.split)
-    settings = CompletionSettings(scope.split, scope.sets, scope.bodies, 200 if scope.lattice else 0, scope.takes)
+    settings = CompletionSettings(scope.split, scope.sets, scope.bodies, scope.takes)
     network = "packaged" if networks.model is None else str(networks.model.resolve())
     results = None if work.keep is None else ClipResults.open(work.keep, settings, network)
     total = data.count()

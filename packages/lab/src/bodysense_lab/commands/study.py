@@ -97,40 +97,33 @@ def analyze(key: KeyFile, answers: Annotated[tuple[Path, ...], tyro.conf.Positio
 
 
 def simulate(
-    key: KeyFile, out: Output, preference: str = "", raters: Count = 39, ties: float = 0.2, seed: Seed = 0
+    key: KeyFile,
+    out: Output,
+    truth: float = 0.0,
+    ours: float = 0.0,
+    baseline: float = 0.0,
+    raters: Count = 39,
+    ties: float = 0.2,
+    seed: Seed = 0,
 ) -> None:
     """Write answers of simulated raters, to test a study or to find the number of raters that it needs.
 
     Args:
         key: the study's key.json.
         out: folder for answers-simulated-001.json …
-        preference: quality of each condition, as 'truth=0.8,ours=0.6,baseline=0'; 0 if omitted. The mean vote on a pair
-            is the difference of its qualities.
+        truth: quality of the truth; the mean vote on a pair is the difference of its qualities.
+        ours: quality of the completion.
+        baseline: quality of last known positions.
         raters: number of raters.
         ties: share of 'no difference' between conditions of equal quality.
         seed: random seed of the votes.
     """
     import numpy as np
 
-    from bodysense_lab.study.analysis import read_key, write_simulated_answers
+    from bodysense_lab.study.analysis import Condition, read_key, write_simulated_answers
 
-    study, quality = read_key(key), parse_preference(preference)
+    study = read_key(key)
     make_folder(out)
+    quality: dict[Condition, float] = {"truth": truth, "ours": ours, "baseline": baseline}
     write_simulated_answers(out, study, raters, quality, np.random.default_rng(seed), ties)
     print(f"wrote {raters} files to {out}")
-
-
-def parse_preference(text: str) -> dict[str, float]:
-    """Parse 'truth=0.8,ours=0.6'. Raises BodysenseError for an unknown name or a value that is not a number."""
-    from bodysense_lab.study.analysis import CONDITIONS
-
-    quality: dict[str, float] = {}
-    for part in filter(None, text.replace(" ", "").split(",")):
-        name, _, value = part.partition("=")
-        if name not in CONDITIONS:
-            raise BodysenseError(f"--preference: unknown condition {name!r}; valid are {', '.join(CONDITIONS)}")
-        try:
-            quality[name] = float(value)
-        except ValueError:
-            raise BodysenseError(f"--preference {part!r}: {value!r} is not a number; write {name}=0.6") from None
-    return quality

@@ -154,15 +154,20 @@ def study_numbers(found: Mapping[str, list[Preference]]) -> dict[str, float]:
 
 
 def write_simulated_answers(
-    folder: Path, key: StudyKey, raters: int, quality: Mapping[str, float], rng: np.random.Generator, ties: float = 0.2
+    folder: Path,
+    key: StudyKey,
+    raters: int,
+    quality: Mapping[Condition, float],
+    rng: np.random.Generator,
+    ties: float = 0.2,
 ) -> None:
     """Write answers of simulated raters; the mean vote on a pair is the difference of its conditions' quality.
 
-    Conditions that `quality` lacks have 0. Votes are independent. The share of 'no difference' is `ties` for equal
+    Votes are independent. The share of 'no difference' is `ties` for equal
     quality and falls to 0 for a difference of ±1. Raises BodysenseError for a difference beyond that.
     """
     for first, second in COMPARISONS:
-        if not abs(quality.get(first, 0.0) - quality.get(second, 0.0)) <= 1:
+        if not abs(quality[first] - quality[second]) <= 1:
             raise BodysenseError(f"quality of {first} and {second}: mean votes, their differences, are from -1 to 1")
     for number in range(1, raters + 1):
         rows = []
@@ -170,7 +175,7 @@ def write_simulated_answers(
             clip_of = {condition: clip for clip, condition in clips.items()}
             for pair in COMPARISONS:
                 left, right = pair if rng.random() < 0.5 else pair[::-1]  # sides
-                mean = quality.get(left, 0.0) - quality.get(right, 0.0)
+                mean = quality[left] - quality[right]
                 equal = ties * (1 - abs(mean))
                 odds = [(1 - equal + mean) / 2, (1 - equal - mean) / 2, equal]
                 rows.append({"left": clip_of[left], "right": clip_of[right], "choice": rng.choice(list(SIGNS), p=odds)})

@@ -25,7 +25,7 @@ _MEANS = ("cells", "truths", "baselines", "people")  # fields of a table with me
 
 @dataclass(frozen=True)
 class ClipResults:
-    """Folder with a file for each clip and body: the table of that clip alone, without lattice and times."""
+    """Folder with a file for each clip and body: the table of that clip alone, without times."""
 
     folder: Path
     resumed: bool = False  # an earlier run wrote results, so this run does not time all clips

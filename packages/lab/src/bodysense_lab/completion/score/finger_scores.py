@@ -116,7 +116,7 @@ def finger_numbers(scores: list[FingerScore]) -> dict[str, float]:
                 float(np.sqrt(np.average([getattr(one, name) ** 2 for one in chosen], weights=points)))
                 for name in ("error", "baseline")
             )
-            numbers[f"finger_{what}_ratio_foreign_recorded_only"] = error / baseline
-            numbers[f"finger_{what}_foreign_recorded_only_cm"] = 100 * error
-            numbers[f"finger_{what}_baseline_foreign_recorded_only_cm"] = 100 * baseline
+            numbers[f"finger_{what}_ratio"] = error / baseline
+            numbers[f"finger_{what}_cm"] = 100 * error
+            numbers[f"finger_{what}_baseline_cm"] = 100 * baseline
     return numbers

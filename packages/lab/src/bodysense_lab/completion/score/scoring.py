@@ -16,8 +16,6 @@ from bodysense.observing.observation import Observation
 from bodysense.parallel import parallel_map
 from bodysense.takes.last_known import last_known
 from bodysense_lab.completion.data.blinks import BLINKING, FINGER, clip_rng, lose_hands, with_finger
-from bodysense_lab.completion.kinds.lattice import random_edges
-from bodysense_lab.completion.kinds.lattice_scores import choose_scenes, score_lattice
 from bodysense_lab.completion.score.baselines import MeanBody
 from bodysense_lab.completion.score.clip_results import ClipResults
 from bodysense_lab.completion.score.measures import (
@@ -51,7 +49,6 @@ from bodysense_lab.completion.training.options import BODY_TITLES, Body, Fault
 from bodysense_lab.core.scoring import RATE
 
 TIMED_FRAMES = 330  # frames of one wearer whose steps are timed
-_EDGES = 10  # edges of the lattice that a process scores at a time
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 # Applies a function to items and yields results in order, in this or in other processes; the function must pickle.
@@ -105,18 +102,8 @@ def evaluate_completion(
             if results is not None:
                 results.save(clip, truth, part)
         advance(_work_done(len(batch), settings, truth), f"{len(batch)} clips, {BODY_TITLES[truth]}")
-    groups = list(batches(clips))
-    if times is not None and groups:
-        _time_steps(table, groups[0][0], times)  # the longest clip
-    if settings.edges:
-        scenes = [scene_of(clip, "stranger", settings.split) for batch in groups for clip in batch]
-        edges = random_edges(settings.edges)
-        groups_of_edges = [edges[first : first + _EDGES] for first in range(0, len(edges), _EDGES)]
-        for group, scores in parallel_map(
-            partial(score_lattice, scenes=choose_scenes(scenes), track=track), groups_of_edges
-        ):
-            table.lattice.extend(scores)
-            advance(len(group), "edges")
+    if times is not None and clips:
+        _time_steps(table, max(clips, key=lambda clip: clip.seconds), times)
     return table
 
 
@@ -126,8 +113,8 @@ def _work_done(count: int, settings: CompletionSettings, truth: Truth) -> int:
 
 
 def work_of(count: int, settings: CompletionSettings) -> int:
-    """Return all units of work for `count` clips: one for each clip, sensor set and body, one for each edge."""
-    return count * len(settings.sets) * len(settings.bodies) + settings.edges
+    """Return all units of work for `count` clips: one for each clip, sensor set and body."""
+    return count * len(settings.sets) * len(settings.bodies)
 
 
 @dataclass(frozen=True)

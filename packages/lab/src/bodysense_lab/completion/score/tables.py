@@ -12,7 +12,6 @@ import numpy as np
 
 from bodysense.io.datasets.splits import Split
 from bodysense.takes.last_known import KNOWN
-from bodysense_lab.completion.kinds.lattice_scores import CLIPS, FRAMES, EdgeScore
 from bodysense_lab.completion.score.measures import REGIONS
 from bodysense_lab.completion.score.scenes import TRUTH_OF, Truth
 from bodysense_lab.completion.score.scores import Calibration, RunningScores
@@ -31,7 +30,6 @@ class CompletionSettings:
     split: Split | Literal["all"] = "test"
     sets: tuple[str, ...] = TABLE_SETS
     bodies: tuple[Body, ...] = BODIES
-    edges: int = 200  # edges of the lattice to score; 0: none
     takes: bool = False  # also score takes, completed with past and future
 
 
@@ -49,7 +47,7 @@ class WorstFrame:
 
 @dataclass(frozen=True)
 class CompletionTable:
-    """Scores of all cells (sensor set, body) by category group, and baselines, calibrations, times and the lattice."""
+    """Scores of all cells (sensor set, body) by category group, and baselines, calibrations and times."""
 
     settings: CompletionSettings
     cells: dict[tuple[str, Body, str], CellScores] = field(default_factory=dict, repr=False)
@@ -59,7 +57,6 @@ class CompletionTable:
     baselines: dict[tuple[str, Truth, str], RunningScores] = field(default_factory=dict, repr=False)
     people: dict[tuple[str, Body, str], RunningScores] = field(default_factory=dict, repr=False)  # headline, main group
     times: dict[tuple[str, Body], np.ndarray] = field(default_factory=dict, repr=False)  # (N,) s a step
-    lattice: list[EdgeScore] = field(default_factory=list, repr=False)
 
     def merge(self, other: CompletionTable) -> None:
         """Add the scores of another table with the same settings."""
@@ -118,11 +115,6 @@ class CompletionTable:
             for percent in (50, 99):
                 result[f"{sensors}_{body}_p{percent}_ms"] = 1000 * float(np.percentile(times, percent))
         result |= self._confidence_numbers()
-        if self.lattice:
-            result |= {
-                "lattice_violations": sum(score.violates for score in self.lattice),
-                "lattice_edges": len(self.lattice),
-            }
         return result
 
     def _by_cell(self) -> Iterator[tuple[str, str, RunningScores]]:
@@ -369,14 +361,3 @@ def _remarks(table: CompletionTable) -> Iterator[str]:
         ]
         if known:
             yield f"Hidden joints ({BODY_TITLES[truth]}): {', '.join(known)}."
-    if table.lattice:
-        worse = [score for score in table.lattice if score.violates]
-        yield (
-            f"One sensor more makes the mean worse by over 1 % on {len(worse)} of {len(table.lattice)} random edges of "
-            f"the lattice of sensor sets (unseen bodies, known; {CLIPS} clips or fewer, {FRAMES / 30:.0f} s each)."
-        )
-        for score in sorted(worse, key=lambda one: one.fewer / one.more)[:5]:
-            yield (
-                f"  {', '.join(score.edge.fewer.points)} + {score.edge.sensor} ({score.edge.kind}): "
-                f"{score.fewer:.2f} → {score.more:.2f} cm."
-            )

@@ -136,8 +136,6 @@ class EvaluationScope:
     """bodies: the recording's own, known; an unseen one (stranger), known; unseen ones, height or nothing known"""
     limit: Count | None = None
     """number of clips, spread evenly, for a sample with its intervals; all if omitted"""
-    lattice: bool = False
-    """score 200 random edges of the lattice of sensor sets as well, which takes as long as half of all clips"""
     takes: bool = False
     """score takes as well, completed with past and future, which takes three times as long"""
     mean_body: bool = True
