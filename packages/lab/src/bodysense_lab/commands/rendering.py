@@ -89,7 +89,7 @@ def video_rendered(
         videos: folder that `bodysense data render` wrote.
         model: network written by `bodysense train arms`; the packaged one if omitted.
         landmarkers: folder of MediaPipe's model files; if omitted, they are fetched once into the cache.
-        out: folder for the table as CSV and as a picture (PNG).
+        out: folder for the table as CSV.
     """
     from bodysense.devices.video.arms import load_arms
     from bodysense.devices.video.landmarker_files import find_landmarkers
