@@ -6,7 +6,6 @@ state through inputs `state_…` and outputs `next_…` of equal names. The card
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
