@@ -200,6 +200,19 @@
 #define PELVIS_MOST_SHIFT 0.15F /* m, largest shift of the pelvis toward targets out of reach */
 #define PELVIS_SETTLE 0.06F    /* s in which half of what a standing pelvis lacks is made up */
 
+/* ---- balance ----------------------------------------------------------------------------------------------------- */
+
+/* Fitted on validation people, on UNOC's recordings and on scripted validation scenes. */
+#define BALANCE_FREE 0.04F     /* m; so far the centre of mass may be from the middle of the feet. 0.03: errors on CMU's
+                                  people, who stoop, grow by 1.6 % */
+#define BALANCE_LOW 0.85F      /* of a standing head's height: people with lower heads sit, kneel or bow */
+#define BALANCE_STANDS 0.92F   /* of it: with higher heads they stand */
+#define BALANCE_STILL 0.15F    /* m/s along the floor: a head that is slower stands still */
+#define BALANCE_MOVING 0.45F   /* m/s: a head that is faster walks. 0.3: feet of real headsets glide a fifth more often */
+#define BALANCE_FIRST 0.3F     /* s in which half of a lean is found when a body stops, or forgotten when it goes on */
+#define BALANCE_HALF_LIFE 4.0F /* s, of a body that has stood for as long. 0.5: feet follow a swaying head and glide */
+#define BALANCE_FADE 3.0F      /* s in which half of a lean is given up while the head moves */
+
 /* ---- feet that are held ------------------------------------------------------------------------------------------ */
 
 /* Feet and steps were fitted on recorded clips of validation people, on scripted validation scenes and on recorded

@@ -411,6 +411,23 @@ static void tuned_numbers_do_what_they_say(const bs_model *model) {
 }
 
 /* Own functions are as exact as the library's. */
+/* A body is balanced by what is predicted of it: not if a point of its trunk or of a leg is measured. */
+static void measured_bodies_are_not_balanced(const bs_model *model) {
+    static const int STANDS[] = {PELVIS, LEFT_HIP, SPINE1, RIGHT_KNEE, SPINE2, LEFT_ANKLE, SPINE3, RIGHT_FOOT, LEFT_TOE};
+    static leaning l;
+    for (int k = 0; k < (int)(sizeof STANDS / sizeof *STANDS); k++) {
+        for (int rotated = 0; rotated < 2; rotated++) {
+            if (rotated && STANDS[k] >= BODY_JOINTS) continue;
+            lean(&l, model, 0.3, 1.0, 0.0);
+            if (rotated) l.seen.has_rotation[STANDS[k]] = true;
+            else l.seen.has_position[STANDS[k]] = true;
+            const prediction before = l.predicted;
+            balance_prediction(&l.seen, &l.state, &l.predicted);
+            expect(memcmp(&before, &l.predicted, sizeof before) == 0, "a measured body is balanced", k, rotated, 0.0);
+        }
+    }
+}
+
 static void functions_are_exact(void) {
     source_of_numbers from = {13};
     for (int k = 0; k < 20000; k++) {
@@ -457,6 +474,7 @@ static void run_tests(const bs_model *model, const char *file, size_t bytes, con
     if (begins("a_batch_equals_each_alone", filter)) a_batch_equals_each_alone(model);
     if (begins("every_kernel_gives_the_golden_run", filter)) every_kernel_gives_the_golden_run(file, bytes);
     if (begins("tuned_numbers_do_what_they_say", filter)) tuned_numbers_do_what_they_say(model);
+    if (begins("measured_bodies_are_not_balanced", filter)) measured_bodies_are_not_balanced(model);
     if (begins("functions_are_exact", filter)) functions_are_exact();
     printf("%d tests on kernel %s, %d failures\n", ran, bs_model_kernel(model), failures);
 }

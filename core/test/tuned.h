@@ -2,6 +2,7 @@
  *
  * A measure drives the part of the core that uses the number, without a network: the share of contact from which a foot
  * is held, the seconds in which an offset halves, the height of a step. */
+#include "tuned_balance.h"
 #include "tuned_feet.h"
 #include "tuned_inputs.h"
 #include "tuned_limbs.h"
@@ -14,6 +15,14 @@ static const struct tuned {
     double value;     /* as measured: a threshold itself, else what follows from it */
     measure *measured;
 } TUNED[] = {
+    {"BALANCE_FREE", 0.042, balance_free},
+    {"BALANCE_LOW", 0.85, balance_low},
+    {"BALANCE_STANDS", 0.92, balance_stands},
+    {"BALANCE_STILL", 0.15, balance_still},
+    {"BALANCE_MOVING", 0.45, balance_moving},
+    {"BALANCE_FIRST", 0.3, balance_first},
+    {"BALANCE_HALF_LIFE", 4, balance_half_life},
+    {"BALANCE_FADE", 3, balance_fade},
     {"FOOT_HOLD", 0.5, foot_hold},
     {"FOOT_RELEASE", 0.1, foot_release},
     {"FOOT_SURE", 0.7, foot_sure},

@@ -202,6 +202,7 @@ def hours(seconds: float) -> str:
 
 FUNCTIONS: dict[str, Any] = {  # that expressions may call
     "max": max,
+    "min": min,
     "format": format,
     "hours": hours,
     "megabytes": lambda name: weights_file(name).stat().st_size / 1e6,

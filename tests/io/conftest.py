@@ -11,6 +11,7 @@ import zipfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -74,37 +75,49 @@ class Bone:
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 
 
-def meta_rig(twh: bool) -> list[Bone]:
-    """UNOC's hierarchy, or that of Talking With Hands: more of a spine, shoulder blades, twists, the thumb's carpal."""
+MetaRig = Literal["unoc", "player", "twh"]
+
+
+def meta_rig(kind: MetaRig) -> list[Bone]:
+    """UNOC's hierarchy, that of the takes in its authors' web player, or that of Talking With Hands.
+
+    All have more of a spine than we do, shoulder blades, twists, and the thumb's carpal. The player's has two joints a
+    foot, the trunk before the legs, and the right side before the left.
+    """
     bones: list[Bone] = []
+    twh, sides = kind == "twh", (("left", "l"), ("right", "r"))
 
     def add(name: str, parent: str, carrier: str, towards: str = "", share: float = 0.0, start: str = "") -> None:
         bones.append(Bone(name, parent, carrier, (start or carrier, towards or carrier, share)))
 
-    if twh:
-        add("body_world", "", "pelvis")
-    add("b_root", "body_world" if twh else "", "pelvis")
-    for side, s in (("left", "l"), ("right", "r")):
+    def leg(side: str, s: str) -> None:
         add(f"b_{s}_upleg", "b_root", f"{side}_hip")
         add(f"b_{s}_leg", f"b_{s}_upleg", f"{side}_knee")
-        if twh:
+        if kind == "twh":
             add(f"b_{s}_foot_twist", f"b_{s}_leg", f"{side}_knee", f"{side}_ankle", 0.9)
             add(f"b_{s}_foot", f"b_{s}_foot_twist", f"{side}_ankle")
             add("End Site", f"b_{s}_foot", f"{side}_ankle", f"{side}_foot", 0.5)
-        else:
+            return
+        if kind == "unoc":
             add(f"b_{s}_talocrural", f"b_{s}_leg", f"{side}_ankle")
             add(f"b_{s}_subtalar", f"b_{s}_talocrural", f"{side}_ankle", f"{side}_foot", 0.2)
             add(f"b_{s}_transversetarsal", f"b_{s}_subtalar", f"{side}_ankle", f"{side}_foot", 0.5)
             add(f"b_{s}_ball", f"b_{s}_transversetarsal", f"{side}_foot")
-            add("End Site", f"b_{s}_ball", f"{side}_foot", f"{side}_toe", 1.0)
-    add("b_spine0", "b_root", "spine1")
-    add("b_spine1", "b_spine0", "spine1", "spine2", 0.5)
-    add("b_spine2", "b_spine1", "spine2")
-    add("b_spine3", "b_spine2", "spine3")
-    add("b_neck0", "b_spine3", "neck")
-    add("b_head", "b_neck0", "head")
-    add("b_head_null" if twh else "End Site", "b_head", "head", "head_top", 1.0)
-    for side, s in (("left", "l"), ("right", "r")):
+        else:
+            add(f"b_{s}_subtalar", f"b_{s}_leg", f"{side}_ankle")
+            add(f"b_{s}_ball", f"b_{s}_subtalar", f"{side}_foot")
+        add("End Site", f"b_{s}_ball", f"{side}_foot", f"{side}_toe", 1.0)
+
+    def trunk() -> None:
+        add("b_spine0", "b_root", "spine1")
+        add("b_spine1", "b_spine0", "spine1", "spine2", 0.5)
+        add("b_spine2", "b_spine1", "spine2")
+        add("b_spine3", "b_spine2", "spine3")
+        add("b_neck0", "b_spine3", "neck")
+        add("b_head", "b_neck0", "head")
+        add("b_head_null" if twh else "End Site", "b_head", "head", "head_top", 1.0)
+
+    def arm(side: str, s: str) -> None:
         if twh:
             add(f"b_{s}_eye", "b_head", "head", f"{side}_hip", 0.1)  # next to the middle
         add(f"b_{s}_shoulder", "b_spine3", f"{side}_collar")
@@ -122,6 +135,21 @@ def meta_rig(twh: bool) -> list[Bone]:
                 add(f"b_{s}_{finger}{k}", above, f"{side}_{finger}{k}")
                 above = f"b_{s}_{finger}{k}"
             add("End Site", above, f"{side}_{finger}3", f"{side}_{finger}_tip", 1.0)
+
+    if twh:
+        add("body_world", "", "pelvis")
+    add("b_root", "body_world" if twh else "", "pelvis")
+    if kind == "player":
+        trunk()
+        for limb in (arm, leg):
+            for side, s in reversed(sides):
+                limb(side, s)
+        return bones
+    for side, s in sides:
+        leg(side, s)
+    trunk()
+    for side, s in sides:
+        arm(side, s)
     return bones
 
 
@@ -203,13 +231,17 @@ def taller(clip: Clip, height: float, first: int, count: int, rate: float) -> Cl
 
 @pytest.fixture
 def unoc(tmp_path: Path, waving_clip: Clip) -> Release:
-    """UNOC's release: 13 participants, 120 Hz, an A-pose at rest, and files without body motion."""
-    rig, down = meta_rig(twh=False), rest_pose(default_skeleton())
+    """UNOC's release: 13 participants, 120 Hz, an A-pose at rest, and files without body motion.
+
+    Every second file is like the takes of the authors' web player.
+    """
+    rigs, down = (meta_rig("unoc"), meta_rig("player")), rest_pose(default_skeleton())
     for side, sign in (("left", -1), ("right", 1)):
         down.rotation[default_skeleton().index(f"{side}_shoulder")] = quaternion_exp(np.array([0, 0, sign * 0.7]))
     at_rest = forward_kinematics(down)[1]
     frames = {
         bone.name: quaternion_conjugate(at_rest[default_skeleton().index(bone.carrier)])
+        for rig in rigs
         for bone in rig
         if bone.name != "End Site"
     }
@@ -219,7 +251,7 @@ def unoc(tmp_path: Path, waving_clip: Clip) -> Release:
         key = f"P{k + 1}/merged bvh/take_{k}_merged.bvh"
         path = folder / key
         path.parent.mkdir(parents=True)
-        path.write_text(bvh_text(rig, clip, "0.008333", "XYZ", frames))
+        path.write_text(bvh_text(rigs[k % 2], clip, "0.008333", "XYZ", frames))
         truth[key] = clip
     (folder / "reference_skeleton.bvh").write_text("not read")
     (folder / "P1" / "hands").mkdir()
@@ -231,7 +263,7 @@ def unoc(tmp_path: Path, waving_clip: Clip) -> Release:
 @pytest.fixture
 def talking_with_hands(tmp_path: Path, waving_clip: Clip) -> Release:
     """A clone of Talking With Hands: zip files of takes, two speakers in each, with unusable rest poses."""
-    rig = meta_rig(twh=True)
+    rig = meta_rig("twh")
     rng = np.random.default_rng(3)
     turns = quaternion_exp(rng.normal(size=(len(rig), 3)))
     frames = {bone.name: turn for bone, turn in zip(rig, turns, strict=True) if bone.name != "body_world"}

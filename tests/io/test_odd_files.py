@@ -61,8 +61,16 @@ def ended(text: str, head: str, end: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-@pytest.mark.parametrize("end", ["20 0 0", "0 0 20", "0 -12 0", "0 0 0"])
-@pytest.mark.parametrize("name", ["Mixamo", "CMU, metres", "Unreal", "classic"])
+@pytest.mark.parametrize(
+    ("name", "end"),
+    [
+        ("Mixamo", "20 0 0"),
+        ("CMU, metres", "0 0 20"),
+        ("Unreal", "0 -12 0"),
+        ("classic", "0 0 0"),
+        ("Mixamo", "0 -12 0"),
+    ],
+)
 def test_the_end_of_a_head_may_point_anywhere(name: str, end: str) -> None:
     layout = LAYOUTS[name]
     clip = held_still(motion(14, 48), layout)
@@ -77,8 +85,15 @@ def test_the_end_of_a_head_may_point_anywhere(name: str, end: str) -> None:
     assert off < 1e-3 and turned < 0.1
 
 
-@pytest.mark.parametrize("finger", ["LeftHandIndex", "LeftHandThumb", "RightHandPinky"])
-@pytest.mark.parametrize("what", ["turned", "folded", "short"])
+@pytest.mark.parametrize(
+    ("finger", "what"),
+    [
+        ("LeftHandIndex", "turned"),
+        ("LeftHandThumb", "folded"),
+        ("RightHandPinky", "short"),
+        ("LeftHandThumb", "turned"),
+    ],
+)
 def test_a_finger_refuses_no_body(finger: str, what: str) -> None:
     """Its joints' frames are turned by up to half a turn, its second bone points back, or it has no length."""
     layout = LAYOUTS["Mixamo"]

@@ -86,8 +86,9 @@ def test_a_filled_limb_is_accurate_and_smooth_and_keeps_its_bones(take: Path, st
     assert side_clearance(found, skeleton, "right").min() > min(0.0, lowest) - 0.01
 
 
-@pytest.mark.parametrize("count", [1, 12, 40])
-@pytest.mark.parametrize("root", ["left_shoulder", "right_hip", "spine1"])
+@pytest.mark.parametrize(
+    ("root", "count"), [("left_shoulder", 1), ("left_shoulder", 40), ("right_hip", 12), ("spine1", 1), ("spine1", 12)]
+)
 def test_position_and_speed_are_continuous_at_both_edges(steps: Clip, root: str, count: int) -> None:
     """Velocities change at an edge by no more than in the true motion, plus the change for a turn of the limb."""
     first, skeleton = 18, steps.pose.skeleton

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bodysense.body.skeleton import default_skeleton
-from bodysense.geometry.rotation import geodesic_angle, quaternion_exp
-from bodysense.takes.joining import BACKWARD_SHARE, LEAD, future_share, lead_to_returns, mean_rotation
+from bodysense.geometry.rotation import geodesic_angle, mean_rotation, quaternion_exp
+from bodysense.takes.joining import BACKWARD_SHARE, LEAD, future_share, lead_to_returns
 
 SECONDS = 1 / 30
 FRAMES, RETURN = 90, 50  # a wrist is hidden until it is seen again in this frame

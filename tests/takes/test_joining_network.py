@@ -23,7 +23,7 @@ from bodysense.takes.joining_network import (
     PassPair,
     features,
     load_joining,
-    mirrored,
+    mirror_image,
     packaged_joining,
     shift_share,
 )
@@ -68,6 +68,40 @@ def test_features_have_heights_above_the_floor(passes: PassPair) -> None:
     upstairs = replace(moved(passes, 0.0, np.array([0.0, 2.5, 0.0])), floor=2.5)
     np.testing.assert_allclose(features(upstairs), features(passes), atol=1e-5)
     assert np.abs(features(replace(upstairs, floor=0.0)) - features(passes)).max() > 1
+
+
+def mirrored(passes: PassPair) -> PassPair:
+    """Return both passes mirrored at x = 0, on the mirrored body."""
+    points, flip, other_side = np.asarray(passes.skeleton.mirror), np.array([-1.0, 1.0, 1.0]), [2, 3, 0, 1]
+    joints = points[: len(passes.skeleton.joints)]
+    changed = {
+        field.name: getattr(passes, field.name)[:, joints if field.name in ("past", "future", "turned") else points]
+        for field in fields(passes)
+        if field.name.partition("_")[2] in ("", "points", "error", "bound")
+        and field.name not in ("skeleton", "share", "floor", "seconds")
+    }
+    for name in ("past", "future"):
+        changed[name] = changed[name] * np.array([1.0, 1.0, -1.0, -1.0])
+        changed[f"{name}_points"] = changed[f"{name}_points"] * flip
+        changed[f"{name}_contact"] = getattr(passes, f"{name}_contact")[:, other_side]
+    skeleton = passes.skeleton.with_offsets(passes.skeleton.rest_offset[points] * flip)
+    return replace(passes, skeleton=skeleton, **changed)
+
+
+def test_features_of_the_mirror_image_are_those_of_mirrored_passes(passes: PassPair) -> None:
+    """Equal bit for bit, on a body whose sides differ, with tracked points and errors that differ between sides."""
+    rng = np.random.default_rng(3)
+    skeleton, shape = passes.skeleton, passes.measured.shape
+    crooked = replace(
+        passes,
+        skeleton=skeleton.with_offsets(skeleton.rest_offset * rng.uniform(0.9, 1.1, (shape[1], 1))),
+        measured=rng.uniform(size=shape) < 0.5,
+        turned=rng.uniform(size=passes.turned.shape) < 0.5,
+        past_error=rng.uniform(0.01, 0.5, shape),
+        future_contact=rng.uniform(size=passes.future_contact.shape),
+    )
+    order, sign = mirror_image(crooked.skeleton)
+    np.testing.assert_array_equal(features(crooked)[:, order] * sign, features(mirrored(crooked)))
 
 
 def test_mirrored_input_gives_mirrored_output(passes: PassPair) -> None:

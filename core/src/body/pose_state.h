@@ -63,6 +63,13 @@ typedef struct offset_decay {
     vec3 spin;       /* rad/s, world */
 } offset_decay;
 
+/* How far a predicted body that stands leans. */
+typedef struct balance_state {
+    vec3 lean;    /* where the centre of mass is from the feet, per metre over them, in the pelvis's heading: averaged */
+    float stands; /* 1: the body stands, 0: it does not; eased */
+    float still;  /* s for which it has stood still */
+} balance_state;
+
 /* How a predicted joint is turned toward what is measured. */
 typedef struct fitting {
     vec3 turn; /* rad, world, in the frame before */
@@ -81,6 +88,7 @@ typedef struct pose_state {
     offset_decay offset_decay[BODY_JOINTS];
     uint8_t sensors_changed;       /* in the frame before, a sensor that decides about the whole body came or went */
     ease turn[BODY_JOINTS];        /* rad, world */
+    balance_state balance;
     ease head, pelvis;             /* m, world */
     vec3 head_speed;               /* m/s */
     vec3 course;                   /* unit, horizontal: where a head faces or goes; zero before it is known */

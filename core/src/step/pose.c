@@ -1,13 +1,15 @@
 /* From what the network predicts to a body that meets what is measured and moves without jumps.
  *
- *     predicted body fitted to measured points → rotations: measured, implied or predicted → eased where sensors came or
- *     went → the body hung on its head → spine bent to the pelvis → legs, feet held and on the floor → arms → places
+ *     predicted body fitted to measured points → balanced over its feet → rotations: measured, implied or predicted →
+ *     eased where sensors came or went → the body hung on its head → spine bent to the pelvis → legs, feet held and on
+ *     the floor → arms → places
  */
 #include "pose.h"
 
 #include <string.h>
 
 #include "../base/kinematics.h"
+#include "../body/balance.h"
 #include "../body/fit.h"
 #include "../body/head.h"
 #include "../body/offset_decay.h"
@@ -80,6 +82,7 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
     mat3 goal[BODY_JOINTS];
     float interval = t->interval;
     fit_prediction(t, s, p);
+    balance_prediction(t, s, p);
     decay_offsets(t, s, p);
     find_changes(t, s, changed);
     rotation_goals(t, p, goal);

@@ -18,7 +18,7 @@ struct bs_state {
     pose_state pose;
 };
 
-#define STATE_FORMAT "bstate1"
+#define STATE_FORMAT "bstate2"
 #define ALIGNMENT 64
 
 /* Bytes, rounded up to whole lines of the cache. */

@@ -2,19 +2,34 @@
 
 All functions take arrays of NumPy or PyTorch (through the Array API) with any leading batch axes, and return arrays of
 the same library. They are differentiable on PyTorch. Quaternions are active rotations, `child → parent`.
+
+The compiled core computes products, turned vectors, exponentials, logarithms and means of NumPy arrays of float64: one
+pass over the arrays instead of about thirty operations.
 """
 
 from __future__ import annotations
 
+import ctypes
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, TypeAlias
 
 import array_api_compat
 import numpy as np
 
+from bodysense.files import load_library
+
 Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor
 
 _AXES = {"X": 0, "Y": 1, "Z": 2}
+# Numbers in a row of each argument, and of the result.
+_WIDTHS = {
+    "bs_multiply_rotations": (4, 4, 4),
+    "bs_rotate_vectors": (4, 3, 3),
+    "bs_exp_rotations": (3, 4),
+    "bs_log_rotations": (4, 3),
+    "bs_mean_rotations": (4, 4, 1, 4),
+}
 
 
 def array_namespace(*arrays: Array) -> Any:
@@ -68,6 +83,8 @@ def cross(a: Array, b: Array) -> Array:
 
 def quaternion_multiply(a: Array, b: Array) -> Array:
     """Return the Hamilton product: first `b`, then `a`. (..., 4), (..., 4) → (..., 4)."""
+    if are_numbers_of_numpy(a, b):
+        return on_rows("bs_multiply_rotations", a, b)
     xp = array_namespace(a, b)
     aw, ax, ay, az = a[..., 0], a[..., 1], a[..., 2], a[..., 3]
     bw, bx, by, bz = b[..., 0], b[..., 1], b[..., 2], b[..., 3]
@@ -96,6 +113,8 @@ def quaternion_canonical(q: Array) -> Array:
 
 def quaternion_rotate(q: Array, v: Array) -> Array:
     """Rotate vectors: (..., 4), (..., 3) → (..., 3)."""
+    if are_numbers_of_numpy(q, v):
+        return on_rows("bs_rotate_vectors", q, v)
     t = 2 * cross(q[..., 1:], v)
     return v + q[..., :1] * t + cross(q[..., 1:], t)
 
@@ -134,6 +153,8 @@ def matrix_to_quaternion(m: Array) -> Array:
 
 def quaternion_exp(rotation_vector: Array) -> Array:
     """Convert axis-angle vectors (radians) to quaternions: (..., 3) → (..., 4)."""
+    if are_numbers_of_numpy(rotation_vector):
+        return on_rows("bs_exp_rotations", rotation_vector)
     xp = array_namespace(rotation_vector)
     squared = dot(rotation_vector, rotation_vector)
     small = squared < 1e-8
@@ -145,6 +166,8 @@ def quaternion_exp(rotation_vector: Array) -> Array:
 
 def quaternion_log(q: Array) -> Array:
     """Convert quaternions to axis-angle vectors of at most π radians: (..., 4) → (..., 3)."""
+    if are_numbers_of_numpy(q):
+        return on_rows("bs_log_rotations", q)
     xp = array_namespace(q)
     q = quaternion_canonical(q)
     w, v = q[..., :1], q[..., 1:]
@@ -175,6 +198,12 @@ def slerp(a: Array, b: Array, t: Array) -> Array:
     """Interpolate at constant speed on the shorter arc: (..., 4), (..., 4), (...,) or a number → (..., 4)."""
     step = quaternion_log(quaternion_multiply(quaternion_conjugate(a), b))
     return quaternion_multiply(a, quaternion_exp(step * (t if isinstance(t, (int, float)) else t[..., None])))
+
+
+def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
+    """Return the weighted mean (..., 4) of two rotations (NumPy); `share` (..., 1) is the weight of the second."""
+    share = np.broadcast_to(np.asarray(share, np.float64), (*np.shape(share)[:-1], 1))
+    return on_rows("bs_mean_rotations", a, b, share)
 
 
 def smooth_step(share: Array) -> Array:
@@ -275,3 +304,52 @@ def quaternion_to_euler(q: Array, order: str) -> Array:
     first = xp.where(locked, xp.atan2(sign * m[..., k, j], m[..., j, j]), xp.atan2(-sign * m[..., j, k], m[..., k, k]))
     last = xp.where(locked, xp.zeros_like(sine), xp.atan2(-sign * m[..., i, j], m[..., i, i]))
     return xp.stack([first, middle, last], axis=-1)
+
+
+class _StridedRows(ctypes.Structure):
+    """`bs_rows`."""
+
+    _fields_ = [("at", ctypes.c_void_p), ("step", ctypes.c_ssize_t)]
+
+
+def are_numbers_of_numpy(*arrays: object) -> bool:
+    """Whether all arrays are NumPy's, of float64: those that the compiled core computes."""
+    return all(type(one) is np.ndarray and one.dtype == np.float64 for one in arrays)
+
+
+def on_rows(name: str, *arrays: np.ndarray) -> np.ndarray:
+    """Return what a function of the core gives for each row of arrays (..., n), whose leading axes broadcast."""
+    function, *widths, width = _function(name)
+    shape = arrays[0].shape[:-1]
+    if any(one.shape[:-1] != shape for one in arrays):
+        shape = np.broadcast_shapes(*(one.shape[:-1] for one in arrays))
+    if [one.shape[-1] for one in arrays] != widths:
+        raise ValueError(f"rows of {[one.shape[-1] for one in arrays]} numbers; {name} takes {widths}")
+    whole = [_rows(one, shape) for one in arrays]  # refers to the memory until the call is done
+    result = np.empty((*shape, width))
+    function(result.size // width, *(rows for rows, _ in whole), result.ctypes.data)
+    return result
+
+
+def _rows(values: np.ndarray, shape: tuple[int, ...]) -> tuple[_StridedRows, np.ndarray]:
+    """Return the rows of an array, broadcast to leading axes, and the array that owns them."""
+    if values.shape[:-1] != shape:
+        values = np.broadcast_to(values, (*shape, values.shape[-1]))
+    steps = values.strides
+    if (
+        values.ndim == 2
+        and values.dtype == np.float64
+        and steps[1] == values.itemsize
+        and steps[0] % values.itemsize == 0
+    ):
+        return _StridedRows(values.ctypes.data, steps[0] // values.itemsize), values
+    values = np.ascontiguousarray(values, np.float64)
+    return _StridedRows(values.ctypes.data, values.shape[-1]), values
+
+
+@lru_cache(maxsize=len(_WIDTHS))
+def _function(name: str) -> tuple[Callable[..., None], *tuple[int, ...]]:
+    """Return a function of the core, and the numbers in a row of its arguments and of its result."""
+    function, widths = getattr(load_library("_core"), name), _WIDTHS[name]
+    function.restype, function.argtypes = None, [ctypes.c_size_t, *[_StridedRows] * (len(widths) - 1), ctypes.c_void_p]
+    return function, *widths

@@ -13,8 +13,6 @@ import numpy as np
 
 from bodysense.body.skeleton import ARM, BODY, LEG, Skeleton, default_skeleton
 from bodysense.geometry.rotation import (
-    normalize,
-    quaternion_canonical,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_log,
@@ -118,12 +116,6 @@ def future_share(past: Array, future: Array, seconds: float) -> Array:
     ratio = np.log(past[:, body].mean(axis=1) / future[:, body].mean(axis=1))
     odds = BACKWARD_SHARE / (1 - BACKWARD_SHARE) * np.exp(SURENESS * smoothed(ratio, STEADY / seconds))
     return odds / (1 + odds)
-
-
-def mean_rotation(a: Array, b: Array, share: Array | float = 0.5) -> Array:
-    """Return the weighted mean (..., 4) of two rotations; `share` is the weight of the second."""
-    sign = np.where((a * b).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
-    return np.asarray(quaternion_canonical(normalize((1 - share) * a + share * sign * b)))
 
 
 def keep_tracked_rotations(skeleton: Skeleton, rotation: Array, world: Array, turned: Array) -> Array:

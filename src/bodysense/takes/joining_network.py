@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,13 +22,13 @@ from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import (
     heading,
+    mean_rotation,
     quaternion_conjugate,
     quaternion_log,
     quaternion_multiply,
     quaternion_rotate,
     quaternion_to_matrix,
 )
-from bodysense.takes.joining import mean_rotation
 from bodysense.tensors import tensors_of
 
 if TYPE_CHECKING:
@@ -80,33 +80,6 @@ class Joining:
     bound: Array  # (T, P) m, above nine in ten errors
 
 
-def mirrored(passes: PassPair) -> PassPair:
-    """Return both passes mirrored at x = 0, on the mirrored body."""
-    skeleton = passes.skeleton
-    points = np.asarray(skeleton.mirror)
-    joints = points[: len(skeleton.joints)]
-
-    def turns(rotation: Array) -> Array:
-        return rotation[:, joints] * np.array([1.0, 1.0, -1.0, -1.0])
-
-    return replace(
-        passes,
-        skeleton=skeleton.with_offsets(skeleton.rest_offset[points] * _FLIP),
-        past=turns(passes.past),
-        future=turns(passes.future),
-        past_points=passes.past_points[:, points] * _FLIP,
-        future_points=passes.future_points[:, points] * _FLIP,
-        past_error=passes.past_error[:, points],
-        future_error=passes.future_error[:, points],
-        past_bound=passes.past_bound[:, points],
-        future_bound=passes.future_bound[:, points],
-        past_contact=passes.past_contact[:, _OTHER_SIDE],
-        future_contact=passes.future_contact[:, _OTHER_SIDE],
-        measured=passes.measured[:, points],
-        turned=passes.turned[:, joints],
-    )
-
-
 def features(passes: PassPair) -> Array:
     """Return the network's input (T, F): the mean body, the difference of the passes, and the tracked points.
 
@@ -147,6 +120,32 @@ def features(passes: PassPair) -> Array:
     return np.concatenate([np.asarray(part, dtype=np.float32).reshape(frames, -1) for part in parts], axis=1)
 
 
+def mirror_image(skeleton: Skeleton) -> tuple[Array, Array]:
+    """Return which feature (F,) of a body is each feature of its mirror image at x = 0, and with which sign (F,).
+
+    Features of the mirror image are exactly these: sums of numbers with other signs are rounded alike.
+    """
+    axes, one = np.outer(_FLIP, _FLIP[:2]).ravel(), np.ones(1)
+    sides, other = _partners(skeleton), np.array(_OTHER_SIDE)
+    each_joint = (axes, -_FLIP, _FLIP, _FLIP, one, one, one, one)  # turns are mirrored with the other sign
+    parts = [(sides, signs) for signs in each_joint]
+    parts += [(other, one), (other, one), ([0], one), (sides, one), ([0], _FLIP), (sides, one)]
+    order, signs, first = [], [], 0
+    for places, sign in parts:
+        width = len(sign)
+        order.append((first + width * np.asarray(places)[:, None] + np.arange(width)).ravel())
+        signs.append(np.tile(sign, len(places)))
+        first += width * len(places)
+    return np.concatenate(order), np.concatenate(signs).astype(np.float32)
+
+
+def _partners(skeleton: Skeleton) -> Array:
+    """Return the places (22,) in `BODY` of the joints on the other side."""
+    body = skeleton.indices(BODY)
+    places = {joint: place for place, joint in enumerate(np.asarray(body).tolist())}
+    return np.array([places[int(skeleton.mirror[joint])] for joint in body])
+
+
 def joined_head(passes: PassPair) -> Array:
     """Return the position (T, 3) m of the joined head: measured if it is tracked, else between both passes."""
     head = passes.skeleton.index("head")
@@ -174,12 +173,9 @@ class JoiningNetwork:
         Joints outside `BODY` follow the plain mean, and so does a trunk with tracked pelvis, chest and head.
         """
         skeleton = passes.skeleton
-        body, partner = np.array(skeleton.indices(BODY)), np.asarray(skeleton.mirror)
-        places = {joint: place for place, joint in enumerate(body.tolist())}
-        swap = [places[int(partner[joint])] for joint in body]
-        turn, odds, larger = self._run(passes)
-        other_turn, other_odds, other_larger = self._run(mirrored(passes))
-        turn = (turn + other_turn[:, swap] * np.array([1.0, -1.0, -1.0])) / 2
+        body, swap = np.array(skeleton.indices(BODY)), _partners(skeleton)
+        (turn, other_turn), (odds, other_odds), (larger, other_larger) = self._run(passes)
+        turn = (turn + other_turn[:, swap] * -_FLIP) / 2
         odds = (odds + other_odds[:, swap]) / 2
         larger = (larger + other_larger[:, swap]) / 2
         share = np.repeat(passes.share[:, None], len(skeleton.joints), axis=1)
@@ -202,26 +198,36 @@ class JoiningNetwork:
         bound[:, body] = np.where(hidden, found * np.exp(spread + self.tensors["bound_offset"]), bound[:, body])
         return error, bound
 
-    def _run(self, passes: PassPair) -> tuple[Array, Array, Array]:
-        """Return turns (T, 22, 3) rad, and changes (T, 22) of log odds of shares and of logarithms of errors."""
+    def _run(self, passes: PassPair) -> tuple[tuple[Array, Array], ...]:
+        """Return turns (T, 22, 3) rad, and changes (T, 22) of log odds of shares and of logarithms of errors.
+
+        Each is a pair: of the body, and of its mirror image.
+        """
         frames = len(passes.share)
         time = np.arange(frames) * passes.seconds
         ticks = np.arange(int(np.ceil(time[-1] * RATE - 1e-6)) + 1) / RATE
-        found = _interpolated(time, self.outputs(_interpolated(ticks, features(passes), time)), ticks)
-        turn, odds, larger = np.split(found, [3 * JOINTS, 4 * JOINTS], axis=1)
-        return turn.reshape(frames, JOINTS, 3), odds, larger
+        read = _interpolated(ticks, features(passes), time)
+        order, sign = mirror_image(passes.skeleton)
+        found = [_interpolated(time, self.outputs(one), ticks) for one in (read, read[:, order] * sign)]
+        turn, odds, larger = zip(*(np.split(one, [3 * JOINTS, 4 * JOINTS], axis=1) for one in found), strict=True)
+        return tuple(one.reshape(frames, JOINTS, 3) for one in turn), odds, larger
 
     def outputs(self, read: Array) -> Array:
         """Return the network's `OUTPUTS` numbers for features (T, F), frames at `RATE`."""
-        given = self.tensors
+        given, frames = self.tensors, len(read)
         hidden = read @ given["inward.weight"].T + given["inward.bias"]
+        beside = max(DILATIONS)
+        taps = np.zeros((frames + 2 * beside, hidden.shape[1]), hidden.dtype)  # zeros before and after the frames
         for block, dilation in enumerate(DILATIONS):
-            taps = np.pad(hidden, ((dilation, dilation), (0, 0)))
-            bent = given[f"convolutions.{block}.bias"] + sum(
-                taps[tap * dilation : tap * dilation + len(hidden)] @ kernel
-                for tap, kernel in enumerate(self._kernels[block])
+            taps[beside : beside + frames] = hidden
+            bent, *others = (
+                taps[beside + tap * dilation :][:frames] @ kernel
+                for tap, kernel in zip((-1, 0, 1), self._kernels[block], strict=True)
             )
-            hidden = hidden + _silu(bent) @ given[f"mixing.{block}.weight"].T + given[f"mixing.{block}.bias"]
+            for more in (*others, given[f"convolutions.{block}.bias"]):
+                bent += more
+            hidden += _silu(bent) @ given[f"mixing.{block}.weight"].T
+            hidden += given[f"mixing.{block}.bias"]
         return _silu(hidden) @ given["outward.weight"].T + given["outward.bias"]
 
 
@@ -279,7 +285,10 @@ def _opened(source: Traversable) -> JoiningNetwork:
 
 
 def _silu(values: Array) -> Array:
-    return values / (1 + np.exp(-np.maximum(values, -60)))
+    below = np.maximum(values, -60)
+    np.exp(np.negative(below, out=below), out=below)
+    below += 1
+    return np.divide(values, below, out=below)
 
 
 def _interpolated(at: Array, values: Array, known: Array) -> Array:

@@ -17,14 +17,14 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
+from bodysense.geometry.rotation import mean_rotation, quaternion_exp, quaternion_multiply
 from bodysense.geometry.series import fade_out
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import observed_points
 from bodysense.takes.bridging import LONGEST, bridge_gaps
 from bodysense.takes.feet import plant_feet
 from bodysense.takes.fitting import Trunk, fit_limbs, fit_trunk
-from bodysense.takes.joining import future_share, keep_tracked_rotations, lead_to_returns, mean_rotation
+from bodysense.takes.joining import future_share, keep_tracked_rotations, lead_to_returns
 from bodysense.takes.joining_network import JoiningNetwork, PassPair, packaged_joining
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import CompletionModel, packaged_model

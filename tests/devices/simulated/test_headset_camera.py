@@ -226,7 +226,7 @@ def test_visibility_equals_the_reference_on_random_poses(name: str) -> None:
         "odd": HeadsetCamera(field_of_view=170, tilt=30, near=0.2, nose_distance=0.07),
         "odder": HeadsetCamera(hand_hides_itself=True),
     }
-    compare_with_reference(random_poses(skeletons()[name], 30, seed=len(name)), cameras[name])
+    compare_with_reference(random_poses(skeletons()[name], 12, seed=len(name)), cameras[name])
 
 
 def test_a_hand_is_seen_by_default_if_65_percent_of_it_are() -> None:

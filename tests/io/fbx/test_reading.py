@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_fbx import AXES, MadeFile, direction, made_body
 
@@ -45,6 +45,7 @@ def errors(clip: Clip, found: Clip) -> tuple[float, float]:
     st.integers(0, 2**32 - 1),
     st.sampled_from([1.0, 100.0, 0.01]),
 )
+@settings(max_examples=10)
 def test_any_axes_unit_and_bind_pose(
     short: Clip, axes: tuple[str, str], left_handed: bool, unit: float, seed: int, root_scale: float
 ) -> None:

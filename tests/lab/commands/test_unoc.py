@@ -128,7 +128,8 @@ def test_transitions(tmp_path: Path, waving_clip: Clip, small_network: Path, run
         "best_regained_jerk_area",
         "last_known_lost_peak_jerk",
     ]
-    check_files(tmp_path, "transitions", 8, keys)
+    numbers = check_files(tmp_path, "transitions", 10, keys)
+    assert numbers["last_known_tracker_regained_peak_jerk"] < numbers["last_known_regained_peak_jerk"]
 
 
 @pytest.mark.slow

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import csv
 import socket
+import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,19 +22,25 @@ from bodysense.io.markers.raw_markers import MarkerFormat
 from bodysense.io.markers.stream import learn_layout
 from bodysense.takes.take import track
 from bodysense.tracking.tracker import Tracker
+from bodysense_live.protocols.markers.live_markers import LiveMarkers
 from bodysense_live.protocols.markers.marker_link import MarkerServer, parsed_address
 from bodysense_live.protocols.markers.natnet import NatnetConversation
 from bodysense_live.protocols.markers.qtm import QtmConversation
-from bodysense_live.protocols.markers.stream_frame import MarkerServerError, raw_of
+from bodysense_live.protocols.markers.stream_frame import MarkerServerError, StreamFrame, raw_of
 from bodysense_live.protocols.markers.vicon import ViconConversation
+from bodysense_live.server import scheduler
+from bodysense_live.server.scheduler import complete
 from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions.answer import CompletionJob
 
 from ..conftest import Client, Connecting, Serving
+from ..server.wearers import until
 from .performer import SUBJECT, Captured, captured
-from .soak import lag_of
 from .twins import NatnetTwin, QtmTwin, Twin, ViconTwin
 
 TWINS: dict[str, type[Twin]] = {"natnet": NatnetTwin, "qtm": QtmTwin, "vicon": ViconTwin}
+# Servers by TCP share their link, so that tests of it take one of them, and that by UDP.
+LINKS = ("qtm", "natnet")
 CONVERSATIONS = {"natnet": NatnetConversation, "qtm": QtmConversation, "vicon": ViconConversation}
 
 
@@ -39,11 +48,12 @@ def settings_for(twin: Twin, name: str, **fields) -> ServerSettings:
     return ServerSettings(markers=MarkerServer(name, "127.0.0.1", twin.port, **fields))  # type: ignore[arg-type]
 
 
-def wait_for_pose(client: Client, seconds: float = 20.0) -> None:
-    """Wait until a body is tracked."""
-    until = time.monotonic() + seconds
+def wait_for_pose(client: Client) -> float:
+    """Wait until a body is tracked, and return the seconds that it took."""
+    begun = time.monotonic()
     while (client.pose().hidden < 0.5).sum() <= 5:
-        assert time.monotonic() < until, "nothing is tracked"
+        assert time.monotonic() - begun < 20.0, "nothing is tracked"
+    return time.monotonic() - begun
 
 
 def drain(client: Client) -> None:
@@ -53,7 +63,7 @@ def drain(client: Client) -> None:
             client.frame(seconds=0.3)
 
 
-@pytest.mark.parametrize(("name", "gloves"), [(name, True) for name in TWINS] + [("qtm", False)])
+@pytest.mark.parametrize(("name", "gloves"), [("qtm", False), ("natnet", True)])
 def test_a_person_is_tracked(server_of: Serving, connect: Connecting, name: str, gloves: bool) -> None:
     """Every measured joint of the body, and with gloves of the fingers, is that of the performer."""
     capture = captured(gloves=gloves)
@@ -171,18 +181,17 @@ def test_damaged_packets_are_refused(name: str) -> None:
     assert 10 < refused < 300
 
 
-@pytest.mark.parametrize("name", TWINS)
+@pytest.mark.parametrize("name", LINKS)
 def test_a_killed_server_is_back_within_two_seconds(server_of: Serving, connect: Connecting, name: str) -> None:
+    """Or, on a loaded machine, within twice the time of the first connection, which also learns a layout."""
     capture = captured(gloves=False)
     with TWINS[name](capture) as twin:
         client = connect(server_of(settings_for(twin, name)), points=(), watch="markers")
-        wait_for_pose(client)
+        first = wait_for_pose(client)
     time.sleep(1.5)
     drain(client)
     with TWINS[name](capture, twin.port):
-        begun = time.monotonic()
-        wait_for_pose(client)
-        assert time.monotonic() - begun < 2
+        assert wait_for_pose(client) < max(2.0, 2 * first)
     drain(client)
 
 
@@ -193,7 +202,6 @@ def test_markers_may_change(server_of: Serving, connect: Connecting, name: str, 
     with TWINS[name](capture) as twin:
         client = connect(server_of(settings_for(twin, name)), points=(), watch="markers")
         wait_for_pose(client)
-        time.sleep(0.5)
         with twin._lock:
             twin.use = [k for k, label in enumerate(capture.labels) if label not in ("LTHI", "RUPA")]
         if isinstance(twin, ViconTwin):
@@ -220,18 +228,14 @@ def test_gloves_among_points_without_a_name(server_of: Serving, connect: Connect
             assert time.monotonic() < until
 
 
-@pytest.mark.parametrize("name", TWINS)
+@pytest.mark.parametrize("name", LINKS)
 def test_the_recording_is_what_was_sent(server_of: Serving, connect: Connecting, tmp_path: Path, name: str) -> None:
     capture = captured(gloves=False)
     file = tmp_path / "take.csv"
     with TWINS[name](capture, bodies=False) as twin:
         server = server_of(settings_for(twin, name, record=file))
         client = connect(server, points=(), watch="markers")
-        wait_for_pose(client)
-        time.sleep(1.5)
-        deadline = time.monotonic() + 5
-        while time.monotonic() < deadline and (not file.exists() or file.stat().st_size < 70_000):
-            time.sleep(0.1)
+        until(lambda: file.is_file() and file.stat().st_size > 70_000)
     drain(client)
     with file.open(newline="") as table:
         header, *rows = csv.reader(table)
@@ -288,11 +292,50 @@ def test_usual_ports() -> None:
     assert parsed_address("vicon://lab:8010") == ("vicon", "lab", 8010)
 
 
-@pytest.mark.slow
-@pytest.mark.alone
-@pytest.mark.parametrize("name", TWINS)
-def test_a_busy_machine_drops_frames_and_does_not_delay_them(name: str) -> None:
-    """Frames that waited in a queue would be 100 frames late after some seconds in which every fifth is dropped."""
-    lag = lag_of(name, seconds=5.0)
-    assert lag.median < 8
-    assert lag.poses > 0.5 * lag.frames
+class HandDriven(Twin):
+    """A twin that sends a frame when it is asked to, instead of in real time."""
+
+    def _play(self) -> None:
+        """Send nothing."""
+
+
+@pytest.mark.parametrize("name", LINKS)
+def test_a_busy_machine_drops_frames_and_does_not_delay_them(
+    server_of: Serving, connect: Connecting, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    """Five frames arrive during each step, and the next step has one of them: none waits for longer in a queue."""
+    add, capture = LiveMarkers.add, captured(gloves=False)
+    received, late, arrived, enough = [-1], list[int](), threading.Condition(), threading.Event()
+
+    def receive(markers: LiveMarkers, frame: StreamFrame) -> str | None:
+        with arrived:
+            received.append(round(frame.time * capture.rate))
+            arrived.notify()
+        return add(markers, frame)
+
+    def send(seconds: float) -> bool:
+        """Send a frame, and return whether it arrives in time."""
+        twin.frame += 1
+        twin._send(twin.frame)
+        with arrived:
+            return arrived.wait_for(lambda: received[-1] == twin.frame, seconds)
+
+    def step(jobs: Sequence[CompletionJob]) -> list[Any]:
+        with stepping:
+            late.append(received[-1] - round(jobs[0].frame.time * capture.rate))
+            assert len(late) > 40 or all(send(20.0) for _ in range(5))
+        if len(late) == 40:
+            enough.set()
+        return complete(jobs)
+
+    monkeypatch.setattr(LiveMarkers, "add", receive)
+    monkeypatch.setattr(scheduler, "complete", step)
+    stepping = threading.Lock()
+    with type("SteppedTwin", (HandDriven, TWINS[name]), {})(capture) as twin:
+        client = connect(server_of(settings_for(twin, name)), points=(), watch="markers")
+        while not late:  # until the layout is learned
+            with stepping:
+                _ = late or send(0.1)
+        assert enough.wait(30)
+        drain(client)
+    assert max(late[2:]) <= 5  # more were sent before the first step

@@ -14,8 +14,8 @@ from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
 from bodysense.errors import BodysenseError
-from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
-from bodysense.takes.joining import keep_tracked_rotations, mean_rotation
+from bodysense.geometry.rotation import geodesic_angle, mean_rotation, quaternion_exp, quaternion_multiply
+from bodysense.takes.joining import keep_tracked_rotations
 from bodysense.takes.joining_network import load_joining, shift_share
 from bodysense_lab.completion.data import joining_takes
 from bodysense_lab.completion.data.joining_takes import KINDS, JoinedTake, cached_takes, draw_takes

@@ -77,5 +77,10 @@ def test_nothing_lost_and_a_truth_at_rest(data: DataSet, waving_clip: Clip) -> N
     position = dict.fromkeys(METHODS, truth)
     report = transitions_report(transitions_of(position, truth, visible, still), census_of(still), data)
     assert [row[3] for row in report.rows] == [0.0] * len(report.rows) and report.rows
+    position |= {"last_known": truth + np.array([0.1, 0, 0]), "last_known_tracker": truth + np.array([0, 0.04, 0])}
+    changed = transitions_report(transitions_of(position, truth, visible, still), census_of(still), data)
+    change = "from 10.00 to 4.00 cm"
+    expected = f"of last known positions {change} at occluded joints (published: -3.5 cm) and {change} at all joints"
+    assert expected in changed.remarks[-1]
     empty = transitions_of(position, truth, np.ones_like(visible), still)
     assert transitions_report(empty, census_of(still), data).rows == ()

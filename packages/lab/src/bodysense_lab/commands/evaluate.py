@@ -23,6 +23,7 @@ def commands() -> SubcommandApp:
     for command in (
         *(arms.pahmt_table1, rendering.video_rendered, unoc.unoc_table1, unoc.unoc_table2, unoc.unoc_table3),
         *(unoc.unoc_table4, unoc.unoc_table5, unoc.unoc_table6, unoc.unoc_smoothness, unoc.transitions),
+        *(unoc.unoc_figure5, unoc.unoc_figure7, rendering.pahmt_figure3, rendering.pahmt_figure4),
         *(gloves.gloves_occlusion, gloves.gloves_limits, gloves.gloves_table3),
         *(gloves.gloves_table4, gloves.gloves_layouts, gloves.gloves_fusion, gloves.gloves_settings),
     ):

@@ -36,26 +36,29 @@ def hmd_vae_figure4(
     motion: Annotated[Path, tyro.conf.Positional],
     out: Output,
     networks: tuple[Path, ...] = (),
+    span: tuple[float, float] | None = None,
     reading: Reading = AS_FOUND,
 ) -> None:
     """HMD-VAE, Fig. 4: draw a motion by several models below the truth, with joints coloured by their error.
 
     Args:
         motion: motion, such as a walk: .bvh, AMASS or SMPL .npz, .glb.
-        out: picture, .png.
+        out: picture, .png or .webp.
         networks: networks that `bodysense train hmd-vae` wrote as .onnx, a row each; the packaged one if omitted.
+        span: first and last second that is drawn; the whole motion if omitted.
         reading: properties that the file does not contain.
     """
     from bodysense.cli.recordings import load_clip
     from bodysense.files import check_place
-    from bodysense_lab.papers.hmd_vae.figure import draw_reconstructions, mean_errors, reconstructed
+    from bodysense_lab.papers.hmd_vae.figure import draw_reconstructions, frames_within, mean_errors, reconstructed
 
     check_place(out)
-    check_ending(out, ".png", what="a picture")
+    check_ending(out, ".png", ".webp", what="a picture")
     clip = load_clip(motion, reading)
+    frames_within(clip, span)
     rows = reconstructed(clip, {path.stem: path for path in networks} or {"model 4": None})
-    draw_reconstructions(out, clip, rows)
-    for name, error in mean_errors(clip, rows, clip.pose.skeleton).items():
+    draw_reconstructions(out, clip, rows, span)
+    for name, error in mean_errors(clip, rows, span).items():
         print(f"{name}: {error:.2f} cm")
     print(f"wrote {out}")
 

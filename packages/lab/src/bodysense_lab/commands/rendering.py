@@ -9,14 +9,25 @@ import tyro
 
 from bodysense.errors import BodysenseError
 from bodysense.files import make_folder
-from bodysense_lab.core.options import Flat, Json, Output, TableOptions
+from bodysense.ranges import Count
+from bodysense_lab.core.options import Flat, Json, Output, TableOptions, check_ending
 from bodysense_lab.rendering.options import Rendering
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from bodysense_lab.rendering.figures import FilmedTake
     from bodysense_lab.rendering.scene import Scene
     from bodysense_lab.rendering.take import RenderedTake
+
+Videos = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(help="folder that `bodysense data render` wrote")]
+Model = Annotated[
+    Path | None, tyro.conf.arg(help="network written by `bodysense train arms`; the packaged one if omitted")
+]
+Landmarkers = Annotated[
+    Path | None,
+    tyro.conf.arg(help="folder of MediaPipe's model files; if omitted, they are fetched once into the cache"),
+]
 
 
 def render(run: Flat[Rendering]) -> None:
@@ -77,18 +88,15 @@ def _planned(run: Rendering, motion: Path, rng: np.random.Generator) -> list[tup
 
 
 def video_rendered(
-    videos: Annotated[Path, tyro.conf.Positional],
-    model: Path | None = None,
-    landmarkers: Path | None = None,
+    videos: Videos,
+    model: Model = None,
+    landmarkers: Landmarkers = None,
     out: Output = TableOptions.out,
     json: Json = None,
 ) -> None:
     """PAHMT, Table 3: arms and hands from the pixels of rendered videos, and inverse kinematics of landmarks.
 
     Args:
-        videos: folder that `bodysense data render` wrote.
-        model: network written by `bodysense train arms`; the packaged one if omitted.
-        landmarkers: folder of MediaPipe's model files; if omitted, they are fetched once into the cache.
         out: folder for the table as CSV.
     """
     from bodysense.devices.video.arms import load_arms
@@ -103,3 +111,72 @@ def video_rendered(
     with progress_bar("watched", len(truths)) as advance:
         table = score_videos(truths, files, network, advance)
     finish(video_report(table, videos.name), written)
+
+
+def pahmt_figure3(
+    videos: Videos,
+    hands: Path,
+    out: Output,
+    model: Model = None,
+    landmarkers: Landmarkers = None,
+    moments: Count = 1,
+) -> None:
+    """PAHMT, Fig. 3: draw arms and hands by one network next to hands alone with arms by inverse kinematics.
+
+    The people in the films are synthesised. Arms are compared with straight wrists as well.
+
+    Args:
+        hands: .pt of a network that `bodysense train arms --input hands` wrote.
+        out: picture, .png or .webp.
+        moments: number of rows of each video.
+    """
+    from bodysense.pictures.comparison import write_picture
+    from bodysense_lab.rendering.figures import draw_figure_3
+
+    films = _films(videos, out, model, landmarkers, hands)
+    write_picture(out, draw_figure_3(films, moments))
+    print(f"wrote {out}")
+
+
+def pahmt_figure4(
+    videos: Videos, out: Output, model: Model = None, landmarkers: Landmarkers = None, moments: Count = 1
+) -> None:
+    """PAHMT, Fig. 4: draw films next to MediaPipe's landmarks with inverse kinematics, the network and the truth.
+
+    The people in the films are synthesised; their motion may be recorded (`bodysense data render DIR`).
+
+    Args:
+        out: picture, .png or .webp.
+        moments: number of rows of each video.
+    """
+    from bodysense.pictures.comparison import write_picture
+    from bodysense_lab.rendering.figures import draw_figure_4
+
+    films = _films(videos, out, model, landmarkers)
+    write_picture(out, draw_figure_4(films, moments))
+    print(f"wrote {out}")
+
+
+def _films(
+    videos: Path, out: Path, model: Path | None, landmarkers: Path | None, hands: Path | None = None
+) -> list[FilmedTake]:
+    """Return the completed videos of a figure, and print their errors by method."""
+    from bodysense.devices.video.arms import load_arms
+    from bodysense.devices.video.landmarker_files import find_landmarkers
+    from bodysense.files import check_place
+    from bodysense_lab.commands.reporting import progress_bar
+    from bodysense_lab.papers.pahmt.network import read_arms
+    from bodysense_lab.rendering.figures import read_films
+    from bodysense_lab.rendering.take import list_takes
+
+    check_place(out)
+    check_ending(out, ".png", ".webp", what="a picture")
+    alone = None if hands is None else read_arms(hands)[0]
+    network, count, files = load_arms(model), len(list_takes(videos)), find_landmarkers(landmarkers)
+    with progress_bar("watched", count) as advance:
+        films = read_films(videos, files, network, alone, advance)
+    for film in films:
+        for method in film.rotation:
+            found = film.errors(method)
+            print(f"{film.take.name}, {method}: arms {found['arms_deg']:.1f}°, fingers {found['hands_cm']:.1f} cm")
+    return films

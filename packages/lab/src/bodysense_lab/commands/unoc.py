@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
+from bodysense.cli.options import Reading
 from bodysense.errors import BodysenseError
+from bodysense.io.reading_options import AS_FOUND, ReadingOptions
+from bodysense.ranges import Count
 from bodysense_lab.commands.reporting import (
     check_places,
     finish,
@@ -19,7 +22,7 @@ from bodysense_lab.commands.reporting import (
     progress_bar,
     show,
 )
-from bodysense_lab.core.options import Data, Json, Split, Stride, Table, TableOptions
+from bodysense_lab.core.options import Data, Json, Output, Split, Stride, Table, TableOptions, check_ending
 
 if TYPE_CHECKING:
     from bodysense.io.clip import Clip
@@ -33,6 +36,7 @@ Predictor = Annotated[
     Path | None,
     tyro.conf.arg(help="predictor written by `bodysense train body-gru`; the packaged one if omitted"),
 ]
+Motion = Annotated[Path, tyro.conf.Positional]
 Networks = Annotated[Path, tyro.conf.arg(help="folder that `bodysense train unoc-tables` wrote")]
 
 
@@ -180,6 +184,69 @@ def finger_synthesis(data: Data, split: Split = "test", model: Path | None = Non
         work = partial(finger_errors, examples=examples_of(known.clips()), model=network)
         found, census = gather_results(work, clips, 1, advance)
     show(finger_report(found, census, scored), json)
+
+
+def unoc_figure5(
+    motion: Motion, out: Output, model: Predictor = None, moments: Count = 5, reading: Reading = AS_FOUND
+) -> None:
+    """UNOC, Fig. 5: draw truth, last known positions, network and inverse kinematics side by side.
+
+    A simulated headset sees the motion; what it does not see is red. Each row is the frame of an equal part of the
+    motion in which most is hidden.
+
+    Args:
+        motion: motion: .bvh, AMASS or SMPL .npz, .glb.
+        out: picture, .png or .webp.
+        moments: number of rows.
+        reading: properties that the file does not contain.
+    """
+    from bodysense.pictures.comparison import write_picture
+    from bodysense_lab.papers.unoc.figures import completions, draw_figure_5, most_hidden
+
+    found = completions(_drawn(motion, out, reading), model)
+    write_picture(out, draw_figure_5(found, most_hidden(found.seen, moments)))
+    for name, error in found.errors().items():
+        print(f"{name}: {error:.2f} cm (RMSJPE of hidden joints of the body)")
+    print(f"wrote {out}")
+
+
+def unoc_figure7(
+    motion: Motion, out: Output, model: Path | None = None, moments: Count = 4, reading: Reading = AS_FOUND
+) -> None:
+    """UNOC, Fig. 7: draw bodies, a hand of each, and below it the fingers that a network predicts from the body.
+
+    Each example is the hand that is bent most in an equal part of the motion.
+
+    Args:
+        motion: motion with fingers: .bvh, .glb.
+        out: picture, .png or .webp.
+        model: network written by `bodysense train fingers`; the packaged one if omitted.
+        moments: number of examples.
+        reading: properties that the file does not contain.
+    """
+    from bodysense.pictures.comparison import write_picture
+    from bodysense_lab.papers.unoc.figures import draw_figure_7, finger_error, most_bent, predicted_fingers
+    from bodysense_lab.papers.unoc.point_model import load_point_model
+
+    clip = _drawn(motion, out, reading)
+    if not clip.has_fingers:
+        raise BodysenseError(
+            f"{motion}: no fingers; the figure compares them with predicted ones: give motion with fingers"
+        )
+    truth, predicted = predicted_fingers(clip, load_point_model("fingers", model))
+    write_picture(out, draw_figure_7(truth.pose, predicted.pose, most_bent(truth, moments)))
+    print(f"fingers: {finger_error(truth, predicted):.2f} cm (MPJPE from the wrist)")
+    print(f"wrote {out}")
+
+
+def _drawn(motion: Path, out: Path, reading: ReadingOptions) -> Clip:
+    """Return the motion of a figure. Raises BodysenseError for a picture that cannot be written."""
+    from bodysense.cli.recordings import load_clip
+    from bodysense.files import check_place
+
+    check_place(out)
+    check_ending(out, ".png", ".webp", what="a picture")
+    return load_clip(motion, reading)
 
 
 def _score(

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.body.skeleton import Skeleton
-from bodysense.errors import missing_package
+from bodysense.errors import BodysenseError, missing_package
 from bodysense.files import written_beside
 from bodysense.geometry.rotation import heading, quaternion_conjugate, quaternion_rotate
 from bodysense.io.clip import Clip
@@ -47,8 +46,27 @@ def load_pyplot() -> Any:
     return pyplot
 
 
-def draw_reconstructions(path: Path, truth: Clip, rows: Mapping[str, np.ndarray]) -> None:
-    """Draw the truth and below it each row (T, P, 3) m, at frames that are spread evenly over the motion."""
+def frames_within(clip: Clip, span: tuple[float, float] | None) -> np.ndarray:
+    """Return the indices of the frames from one second of a motion to another; all if `span` is None.
+
+    Raises BodysenseError unless the span begins before it ends, and is within the motion.
+    """
+    first, last = (0.0, clip.seconds) if span is None else span
+    if not 0 <= first < last <= clip.seconds:
+        raise BodysenseError(
+            f"--span {first:g} {last:g}: give two seconds of the motion, from 0 to "
+            f"{np.floor(100 * clip.seconds) / 100:g}, the earlier one first"
+        )
+    return np.flatnonzero((clip.time >= first) & (clip.time <= last))
+
+
+def draw_reconstructions(
+    path: Path, truth: Clip, rows: Mapping[str, np.ndarray], span: tuple[float, float] | None = None
+) -> None:
+    """Draw the truth and below it each row (T, P, 3) m, at frames that are spread evenly over the motion.
+
+    `span` is the first and last second that is drawn. Raises BodysenseError for one beyond the motion.
+    """
     pyplot = load_pyplot()
     from matplotlib.cm import ScalarMappable
     from matplotlib.collections import LineCollection
@@ -56,7 +74,8 @@ def draw_reconstructions(path: Path, truth: Clip, rows: Mapping[str, np.ndarray]
 
     skeleton = truth.pose.skeleton
     true = np.asarray(forward_kinematics(truth.pose)[0])
-    frames = np.linspace(0, len(true) - 1, min(COLUMNS, len(true))).round().astype(int)
+    within = frames_within(truth, span)
+    frames = within[np.linspace(0, len(within) - 1, min(COLUMNS, len(within))).round().astype(int)]
     scale = ScalarMappable(Normalize(0, WORST), "viridis_r")
     figure, axis = pyplot.subplots(figsize=(1.3 * len(frames) + 2.3, 2.0 * (len(rows) + 1)))
     bones = [point for point in range(1, len(skeleton.points)) if skeleton.wrist_of[point] < 0]
@@ -86,11 +105,13 @@ def row_label(name: str) -> str:
     return "\n".join(fill(part, _LETTERS) for part in name.split("-"))
 
 
-def mean_errors(truth: Clip, rows: Mapping[str, np.ndarray], skeleton: Skeleton) -> dict[str, float]:
-    """Return the mean error of body joints in cm by row."""
-    true = np.asarray(forward_kinematics(truth.pose)[0])
-    body = np.flatnonzero(skeleton.wrist_of < 0)
-    return {name: float(joint_error(position, true)[:, body].mean()) for name, position in rows.items()}
+def mean_errors(
+    truth: Clip, rows: Mapping[str, np.ndarray], span: tuple[float, float] | None = None
+) -> dict[str, float]:
+    """Return the mean error of body joints in cm by row, from the first to the last second of `span`."""
+    true, within = np.asarray(forward_kinematics(truth.pose)[0]), frames_within(truth, span)
+    body = np.flatnonzero(truth.pose.skeleton.wrist_of < 0)
+    return {name: float(joint_error(position, true)[within][:, body].mean()) for name, position in rows.items()}
 
 
 def _flat(truth: Clip, position: np.ndarray, frame: int) -> np.ndarray:
