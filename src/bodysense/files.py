@@ -125,14 +125,6 @@ def write_json(path: str | Path, content: Any) -> None:
         beside.write_text(text + "\n", encoding="utf-8")
 
 
-def json_or_text(text: str) -> Any:
-    """Return the value of JSON, or the text if it is not JSON; tools write plain text into metadata, too."""
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text
-
-
 def read_json(path: str | Path, fix: str, option: str = "") -> Any:
     """Return the value in a JSON file.
 
