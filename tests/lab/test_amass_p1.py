@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 from collections.abc import Callable
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from people.smpl import betas_of, made_up_model, save_walk, walk
 from scipy.spatial.transform import Rotation
 
 from bodysense.errors import BodysenseError
+from bodysense.tracking.model import PACKAGED
 from bodysense_lab.completion.score.amass_p1 import listed_sources, measure, mpjpe_interval, read_clip
 from bodysense_lab.papers.hmd_vae.tables import PUBLISHED
 
@@ -156,6 +159,11 @@ def test_training_data_can_be_prepared_by_the_lists(amass: Path, run: object, tm
     assert len(rows) == 11 and sum(row.split == "test" for row in rows) == 3
 
 
+def packaged_in_place(body: object, fingers: object, data: Path, out: Path, *card: object) -> None:
+    """Write the packaged weights in place of trained ones."""
+    shutil.copyfile(str(files("bodysense.weights") / PACKAGED), out)
+
+
 @pytest.mark.slow
 @pytest.mark.usefixtures("quick_completion")
 def test_a_network_is_trained_and_scored_by_the_lists(
@@ -164,6 +172,8 @@ def test_a_network_is_trained_and_scored_by_the_lists(
     """The documented commands work, with one step of training."""
     pytest.importorskip("torch", reason="needs packages/lab")
     monkeypatch.setattr("bodysense_lab.completion.score.amass_p1.VALIDATION_SHARE", 0.5)  # there are few files
+    # Calibration takes long; tests/cli/test_trials.py publishes a network.
+    monkeypatch.setattr("bodysense_lab.completion.networks.publish.publish", packaged_in_place)
     lists, store, network = ["--split-lists", amass / "data_split"], tmp_path / "p1.zarr", tmp_path / "p1.safetensors"
     run("data", "prepare", amass / "amass", "-o", store, *lists, "--smpl-model", amass / "smplh", "--workers", 1)
     train = ["train", "completion", "--data", store, "-o", network, "--steps", 1, "--limit", 2]

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from figures import rows, tables
 from figures.described import DESCRIPTIONS, checks, network_card
+from figures.measure_hours import STEPS, WHOLE
 from figures.tables import (
     ROOT,
     Block,
@@ -98,6 +99,17 @@ def test_blocks_are_made_of_their_files(tmp_path: Path) -> None:
     """Rows are as wide as their table, every file is needed, and the processors of all files are named."""
     for block in (block for block in BLOCKS if block.files):
         check_block(block, tmp_path / block.page, tmp_path)
+
+
+def test_hours_have_every_number_that_their_scripts_write() -> None:
+    """The steps of arms are those of the code's windows: 300 epochs of 5,497 windows in batches of 128."""
+    (block,) = (block for block in BLOCKS if block.name == "hours")
+    seconds = {f"{name}_seconds_a_step": 1.0 for name in STEPS} | {f"{name}_seconds": 1.0 for name in WHOLE}
+    windows = {"clips": 168.0, "minutes": 17.99, "windows": 5497.0}  # `arm_windows` of measure_figures.py
+    text = block.rendered({"hours": Measured(seconds, "a cpu"), "arm-windows": Measured(windows, "a cpu")})
+    for model in ("ahmt", "pahmt"):
+        assert f"| `train arms --model {model}` | 1.000 | 12,600 | 3.5 | 300 epochs of 18 minutes" in text
+    assert text.count("–") == repeated(block.text).count("–"), "no figure is missing"
 
 
 def check_block(block: Block, page: Path, tmp_path: Path) -> None:

@@ -24,9 +24,9 @@ from bodysense.io.markers.raw_markers import RawMarkers, points_alone
 from bodysense.io.resample import resample
 from bodysense.takes import take as takes
 from bodysense.takes.fitting import Trunk
-from bodysense.takes.marker_body import fit_markers
+from bodysense.takes.marker_body import fit_markers, next_poses
 from bodysense.takes.take import Take, track
-from bodysense.takes.worn_markers import SPINE, SeenMarkers, carried_markers
+from bodysense.takes.worn_markers import SPINE, BodyPoses, SeenMarkers, WornMarkers, carried_markers
 
 NOISE = 0.0005  # m, of a marker
 ARM = ("LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN")
@@ -168,3 +168,59 @@ def test_corrections_between_fitted_frames_are_smooth() -> None:
     knots = np.arange(len(fast)) % 4 == 0
     for name in ("left_wrist", "right_ankle"):
         assert distance(pose, fast, name, ~knots) < distance(pose, fast, name, knots) + 0.001
+
+
+def dense_step(
+    worn: WornMarkers, now: BodyPoses, prior: BodyPoses, position: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
+    """Return the step (3 + 3 J) of one frame by the rows of its linearised fit."""
+    joints, turn = now.kinematics(worn.skeleton)
+    place, count = worn.place(joints, turn)[0], len(worn.skeleton.joints)
+    rows, missed = [], []
+    for marker, at in enumerate(position):
+        if not np.isfinite(at).all():
+            continue
+        by_step = np.zeros((3, 3 + 3 * count))
+        by_step[:, :3] = np.eye(3)
+        joint = int(worn.joint[marker])
+        while joint >= 0:
+            by_step[:, 3 + 3 * joint : 6 + 3 * joint] = np.cross(np.eye(3), place[marker] - joints[0, joint]).T
+            joint = worn.skeleton.parents[joint]
+        rows.append(by_step / worn.noise[marker])
+        missed.append((at - place[marker]) / worn.noise[marker])
+    matrix = np.concatenate(rows) if rows else np.zeros((0, 3 + 3 * count))
+    pull = weight * now.step_to(prior, turn)[0]
+    return np.linalg.solve(matrix.T @ matrix + np.diag(weight), matrix.T @ np.concatenate([*missed, []]) + pull)
+
+
+@pytest.mark.parametrize("hidden", [0.0, 0.4, 1.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_steps_of_poses_solve_the_dense_equations(seed: int, hidden: float) -> None:
+    rng, skeleton = np.random.default_rng(seed), Trunk.of(performance_of_unseen_body().pose.skeleton).skeleton
+    frames, markers, joints = 5, 30, len(skeleton.joints)
+
+    def poses() -> BodyPoses:
+        return BodyPoses(
+            3 * rng.normal(size=(1, 3)) + 0.02 * rng.normal(size=(frames, 3)),
+            quaternion_exp(0.4 * rng.normal(size=(frames, joints, 3))),
+        )
+
+    worn = WornMarkers(
+        skeleton,
+        rng.integers(0, joints, markers),
+        0.1 * rng.normal(size=(markers, 3)),
+        np.full(markers, 0.03),
+        rng.uniform(0.003, 0.05, markers),
+        np.arange(markers),
+    )
+    now, prior = poses(), poses()
+    position = worn.place(*now.kinematics(skeleton)) + 0.05 * rng.normal(size=(frames, markers, 3))
+    position[rng.random((frames, markers)) < hidden, rng.integers(0, 3)] = np.nan
+    weight = rng.uniform(1.0, 400.0, (frames, 3 + 3 * joints))
+    done = next_poses(worn, now, prior, position, weight)
+    for frame in range(frames):
+        one = slice(frame, frame + 1)
+        step = dense_step(worn, now[one], prior[one], position[frame], weight[frame])
+        expected = now[one].moved(step[None], now[one].kinematics(skeleton)[1])
+        np.testing.assert_allclose(done.root[one], expected.root, atol=1e-9)
+        np.testing.assert_allclose(done.local[one], expected.local, atol=1e-9)

@@ -25,10 +25,7 @@ def world_notices(observation: Observation, floor: float) -> tuple[str, ...]:
 
     `observation` is of one person, (T, P). Each notice names the value and the fix.
     """
-    seen = {
-        name: observation.position[:, k][observation.has_position[:, k]] for k, name in enumerate(observation.points)
-    }
-    place = {name: np.median(values, axis=0) for name, values in seen.items() if len(values)}
+    place = _usual_places(observation)
     head = place.get("head")
     found: list[str] = []
     if len(observation) > 1 and (step := float(np.median(np.diff(observation.time)))) > LONGEST_STEP:
@@ -55,6 +52,18 @@ def world_notices(observation: Observation, floor: float) -> tuple[str, ...]:
     if (swap := _swapped(observation, place)) is not None:
         found.append(swap)
     return tuple(found)
+
+
+def _usual_places(observation: Observation) -> dict[str, np.ndarray]:
+    """Return the median position (3,) m of each point that is tracked, by name."""
+    seen = observation.has_position
+    always = np.asarray(seen.all(axis=0))
+    medians = iter(np.median(observation.position[:, always], axis=0))  # at once, since a call costs more than a point
+    return {
+        name: next(medians) if always[k] else np.median(observation.position[seen[:, k], k], axis=0)
+        for k, name in enumerate(observation.points)
+        if seen[:, k].any()
+    }
 
 
 def interval_notice(step: float) -> str:

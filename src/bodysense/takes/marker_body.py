@@ -8,11 +8,14 @@ the markers that are still seen correct it.
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from bodysense.body.pose import Pose
+from bodysense.files import load_library
 from bodysense.geometry import gaps
 from bodysense.geometry.rotation import (
     quaternion_canonical,
@@ -29,7 +32,6 @@ from bodysense.takes.worn_markers import (
     BodyPoses,
     SeenMarkers,
     WornMarkers,
-    cross_matrix,
     fit_worn_markers,
 )
 
@@ -125,52 +127,38 @@ def _solved(worn: WornMarkers, prior: BodyPoses, position: Array, weight: Array)
         block = slice(first, first + _BLOCK)
         now = prior[block]
         for _ in range(_STEPS):
-            now = _step(worn, now, prior[block], position[block], weight[block])
+            now = next_poses(worn, now, prior[block], position[block], weight[block])
         root[block], local[block] = now.root, now.local
     return BodyPoses(root, local)
 
 
-def _step(worn: WornMarkers, now: BodyPoses, prior: BodyPoses, position: Array, weight: Array) -> BodyPoses:
-    """Return the poses after a Gauss-Newton step.
+def next_poses(worn: WornMarkers, now: BodyPoses, prior: BodyPoses, position: Array, weight: Array) -> BodyPoses:
+    """Return the poses after a Gauss-Newton step, which the core computes."""
+    joints, turn = (np.ascontiguousarray(part) for part in now.kinematics(worn.skeleton))
+    step, count = weight * now.step_to(prior, turn), len(worn.skeleton.joints)
+    held = (
+        *(np.ascontiguousarray(part, np.int32) for part in (worn.skeleton.parents[:count], worn.joint)),
+        *(np.ascontiguousarray(part, float) for part in (worn.offset, worn.noise)),
+    )
+    arrays = (np.ascontiguousarray(position), joints, turn, weight, step, np.empty(9 * (count + 1) ** 2 + 19 * count))
+    body = _Worn(count, len(worn.joint), *(part.ctypes.data for part in held))
+    _core().bs_step_to_markers(ctypes.byref(body), len(step), *(part.ctypes.data for part in arrays))
+    return now.moved(step, turn)
 
-    The normal equations follow from moments of the markers that each joint moves: number, sum and sum of products of
-    their places p. The block of joints a above b is the sum of (p - b)·(p - a) I - (p - b) (p - a)ᵀ over b's markers.
-    """
-    above = worn.above
-    one, two = np.nonzero(above)  # one is two, or above it
-    joints, turn = now.kinematics(worn.skeleton)
-    place = worn.place(joints, turn)
-    share = np.isfinite(position).all(axis=-1) / worn.noise**2
-    force = np.nan_to_num(position - place) * share[..., None]
-    centre = joints[:, :1]  # keeps the moments small
-    place, joints = place - centre, joints - centre
-    moves = above[:, worn.joint].astype(float)  # (J, M)
-    sums = moves @ np.concatenate(
-        [
-            share[..., None],
-            share[..., None] * place,
-            (share[..., None, None] * place[..., :, None] * place[..., None, :]).reshape(*place.shape[:2], 9),
-            force,
-            np.cross(place, force),
-        ],
-        axis=2,
-    )  # (T, J, 19)
-    mass, first, second = sums[..., 0], sums[..., 1:4], sums[..., 4:13].reshape(*sums.shape[:2], 3, 3)
-    frames, count = mass.shape
-    vector = weight * now.step_to(prior, turn)
-    vector[:, :3] += sums[:, 0, 13:16]
-    vector[:, 3:] += (sums[..., 16:] - np.cross(joints, sums[..., 13:16])).reshape(frames, -1)
-    lever = -cross_matrix(first - joints * mass[..., None])  # of the root's translation
-    upper, lower = joints[:, one], joints[:, two]
-    products = second[:, two] - lower[..., :, None] * first[:, two][..., None, :]
-    products += (mass[:, two][..., None] * lower - first[:, two])[..., :, None] * upper[..., None, :]
-    block = np.trace(products, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - products
-    matrix = np.zeros((frames, count + 1, 3, count + 1, 3))  # the root's translation goes first
-    matrix[:, 0, :, 0] = mass[:, 0, None, None] * np.eye(3)
-    matrix[:, 0, :, 1:] = np.moveaxis(lever, 1, 2)
-    matrix[:, 1:, :, 0] = np.swapaxes(lever, -1, -2)
-    matrix[:, one + 1, :, two + 1] = np.moveaxis(block, 1, 0)
-    matrix[:, two + 1, :, one + 1] = np.moveaxis(block.mT, 1, 0)
-    square = matrix.reshape(frames, 3 * count + 3, -1)
-    square[:, range(square.shape[1]), range(square.shape[1])] += weight
-    return now.moved(np.linalg.solve(square, vector[..., None])[..., 0], turn)
+
+class _Worn(ctypes.Structure):
+    """`bs_worn_markers`."""
+
+    _fields_ = [
+        *((name, ctypes.c_int32) for name in ("joints", "markers")),
+        *((name, ctypes.c_void_p) for name in ("parent", "joint", "offset", "noise")),
+    ]
+
+
+@lru_cache(maxsize=1)
+def _core() -> ctypes.CDLL:
+    """Return the compiled core, whose steps of takes are not part of `bodysense.h`."""
+    loaded = load_library("_core")
+    loaded.bs_step_to_markers.restype = None
+    loaded.bs_step_to_markers.argtypes = [ctypes.POINTER(_Worn), ctypes.c_size_t, *[ctypes.c_void_p] * 6]
+    return loaded

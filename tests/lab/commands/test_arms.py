@@ -20,13 +20,6 @@ def people(tmp_path: Path, waving_clip: Clip) -> Path:
 
 
 @pytest.mark.slow
-def test_a_network_is_trained_and_written(people: Path, tmp_path: Path, run) -> None:
-    out = tmp_path / "arms.pt"
-    output = run("train", "arms", "--data", people, "-o", out, *SMALL, "--more-inputs", "--rotation", "6d")
-    assert "step 3/3" in output and f"wrote {out}" in output and out.with_suffix(".ckpt").is_file()
-
-
-@pytest.mark.slow
 def test_a_network_is_timed(small_arms: Path, tmp_path: Path, run) -> None:
     run("bench", "arms", "--frames", 3, "--model", small_arms, "--json", tmp_path / "bench.json")
     numbers = json.loads((tmp_path / "bench.json").read_text())

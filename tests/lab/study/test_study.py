@@ -104,8 +104,8 @@ def test_simulated_preference_is_recovered(tmp_path: Path) -> None:
 
 def test_without_preference_one_in_twenty_is_significant(tmp_path: Path) -> None:
     key = key_of(4)
-    cast = simulated(tmp_path / "a", key, 16 * 60)
-    tested = [one for k in range(60) for one in preferences(key, cast[16 * k : 16 * k + 16])["(all)"]]
+    cast = simulated(tmp_path / "a", key, 16 * 30)
+    tested = [one for k in range(30) for one in preferences(key, cast[16 * k : 16 * k + 16])["(all)"]]
     low, high = stats.binom.interval(0.999, len(tested), 0.05)
     assert low <= sum(one.p < 0.05 for one in tested) <= high
 

@@ -44,7 +44,7 @@ class Worker(threading.Thread):
         self.lock, self.is_ended = threading.Lock(), False
 
     def run(self) -> None:
-        with suppress(Ended):
+        with suppress(Ended, SystemExit):
             super().run()
 
     def terminate(self) -> None:
@@ -124,6 +124,7 @@ def test_a_worker_is_a_process_of_its_own(tmp_path: Path) -> None:
     assert not (tmp_path / "ring").exists()
 
 
+@pytest.mark.usefixtures("workers_in_threads")
 def test_a_worker_that_ends_is_reported(tmp_path: Path) -> None:
     drawn = Drawing(failing, tmp_path / "ring", processes=1).sequences(1)
     with pytest.raises(BodysenseError, match="a process that draws sequences has ended"):

@@ -55,9 +55,10 @@ def build(
 
     from bodysense.cli.recordings import load_clip
     from bodysense.demo import packaged_performance
-    from bodysense_lab.study.scenes import build_study, complete_clip, cut_scenes
+    from bodysense_lab.study.scenes import build_study, check_new, complete_clip, cut_scenes
 
     check_place(out / "key.json" if out.is_dir() else out)
+    check_new(out)
     loaded = [replace(load_clip(file, reading), name=file.stem) for file in clips] or [packaged_performance()]
     if len({clip.name for clip in loaded}) < len(loaded):
         raise BodysenseError("--clips: two have the same name; rename one, so that results can name their scenes")

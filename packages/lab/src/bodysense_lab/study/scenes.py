@@ -81,6 +81,12 @@ def cut_scenes(motion: SceneMotion, longest: float) -> list[SceneMotion]:
     ]
 
 
+def check_new(folder: Path) -> None:
+    """Raise BodysenseError if a folder for a study exists and is not empty."""
+    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+        raise BodysenseError(f"{folder} exists; name a new folder, so that no study loses its key")
+
+
 def build_study(
     folder: Path,
     scenes: Sequence[SceneMotion],
@@ -94,8 +100,7 @@ def build_study(
     Animations are rendered in `jobs` processes, in the order of their opaque names, so that the age of a file reveals
     nothing; `advance` receives 1 for each. Raises BodysenseError if the folder is not empty.
     """
-    if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
-        raise BodysenseError(f"{folder} exists; name a new folder, so that no study loses its key")
+    check_new(folder)
     key = draw_key([scene.name for scene in scenes], rng)
     clips = folder / "site" / "clips"
     clips.mkdir(parents=True)
