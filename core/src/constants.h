@@ -211,6 +211,9 @@
 #define BALANCE_MOVING 0.45F   /* m/s: a head that is faster walks. 0.3: feet of real headsets glide a fifth more often */
 #define BALANCE_FIRST 0.3F     /* s in which half of a lean is found when a body stops, or forgotten when it goes on */
 #define BALANCE_HALF_LIFE 4.0F /* s, of a body that has stood for as long. 0.5: feet follow a swaying head and glide */
+#define BALANCE_CENTRE 0.45F   /* of a segment, from its start: its centre of mass (Winter 2009: 0.43 to 0.5) */
+#define BALANCE_IN_AIR 0.05F   /* probability of contact that is added: feet in the air carry if none stands */
+#define BALANCE_OVER 0.1F      /* m over the feet; a lower centre of mass is not that of a body that stands */
 #define BALANCE_FADE 3.0F      /* s in which half of a lean is given up while the head moves */
 
 /* ---- feet that are held ------------------------------------------------------------------------------------------ */

@@ -1,2 +1,2 @@
 /* The hash of the golden run (test.c). `make golden` writes it anew after a change of results. */
-#define GOLDEN 0x035EE4FFAF00584BU
+#define GOLDEN 0x4378778310E9F8CBU

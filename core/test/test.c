@@ -428,6 +428,22 @@ static void measured_bodies_are_not_balanced(const bs_model *model) {
     }
 }
 
+/* A body that leans too little to be turned is not turned either in the frame in which a point of it comes. */
+static void points_that_come_turn_no_body(const bs_model *model) {
+    static leaning l;
+    for (int k = -20; k <= 20; k++) {
+        const double angle = 0.005 * k;
+        if (turned_back(model, angle, 1.0) > 0.0) continue;
+        lean(&l, model, angle, 1.0, 0.0);
+        balance_prediction(&l.seen, &l.state, &l.predicted);
+        l.state.begun = 1;
+        l.seen.has_position[PELVIS] = true;
+        const prediction before = l.predicted;
+        balance_prediction(&l.seen, &l.state, &l.predicted);
+        expect(memcmp(&before, &l.predicted, sizeof before) == 0, "a point that comes turns a body", k, 1, angle);
+    }
+}
+
 static void functions_are_exact(void) {
     source_of_numbers from = {13};
     for (int k = 0; k < 20000; k++) {
@@ -475,6 +491,7 @@ static void run_tests(const bs_model *model, const char *file, size_t bytes, con
     if (begins("every_kernel_gives_the_golden_run", filter)) every_kernel_gives_the_golden_run(file, bytes);
     if (begins("tuned_numbers_do_what_they_say", filter)) tuned_numbers_do_what_they_say(model);
     if (begins("measured_bodies_are_not_balanced", filter)) measured_bodies_are_not_balanced(model);
+    if (begins("points_that_come_turn_no_body", filter)) points_that_come_turn_no_body(model);
     if (begins("functions_are_exact", filter)) functions_are_exact();
     printf("%d tests on kernel %s, %d failures\n", ran, bs_model_kernel(model), failures);
 }

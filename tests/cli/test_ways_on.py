@@ -45,6 +45,7 @@ ELSEWHERE = {
     "the compiled library": "builds the core: every run of the tests did",
     "is not read; convert it with Blender": "Debian's Blender reads no USD and no Collada",
     "convert it once: python -c": "objects in an archive: tests/io reads one by its command",
+    "give one of its files, such as": "a folder: tests/cli/test_many.py tracks one by the command",
     "no Dask scheduler answers": "tests/test_parallel.py runs one",
     "is not calibrated with the markers": "tests/cli/test_markers.py calibrates by the command",
 }

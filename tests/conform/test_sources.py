@@ -126,7 +126,7 @@ def test_the_command_says_by_its_status_what_was_found(clip: Clip, tmp_path: Pat
         ("a.glb", b"glTF\x02", "a .glb file without its JSON"),
         ("a.gltf", b"[]", "not glTF 2.0"),
         ("a.gltf", b'{"asset": {"version": "2.0"}}', "nothing in it is animated"),
-        ("a.xyz", b"", "unknown kind of file"),
+        ("a.xyz", b"x", "unknown kind of file"),
         ("a.bvh", b"nothing", "is not a BVH file"),
     ],
 )

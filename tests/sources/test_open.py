@@ -18,7 +18,8 @@ from bodysense.io.formats.recording import Recording, write_recording
 from bodysense.io.formats.smpl import joint_places
 from bodysense.io.markers.options import MarkerOptions
 from bodysense.io.reading_options import ReadingOptions
-from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, VideoSource, kind_of, open_source
+from bodysense.sources.kinds import kind_of
+from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, VideoSource, open_source
 from bodysense.takes.take import track
 
 
@@ -26,7 +27,7 @@ def test_every_kind_of_source_is_recognised(tmp_path: Path, waving_clip: Clip) -
     seen = simulate(waving_clip, "three_point", None)
     write_bvh(tmp_path / "a.bvh", waving_clip)
     write_recording(tmp_path / "a.npz", Recording(seen, waving_clip.pose.skeleton))
-    (tmp_path / "a.mp4").write_bytes(b"")
+    (tmp_path / "a.mp4").write_bytes(b"film")
     motion = open_source(tmp_path / "a.bvh")
     assert isinstance(motion, MotionSource) and motion.joint_file == tmp_path / "a.bvh" and len(motion.clip) == 90
     assert open_source(motion) is motion and "read " in motion.remarks[0]
@@ -42,7 +43,7 @@ def test_every_kind_of_source_is_recognised(tmp_path: Path, waving_clip: Clip) -
 
 def test_options_are_those_of_the_kind(tmp_path: Path, waving_clip: Clip) -> None:
     write_bvh(tmp_path / "a.bvh", waving_clip)
-    (tmp_path / "a.mp4").write_bytes(b"")
+    (tmp_path / "a.mp4").write_bytes(b"film")
     with pytest.raises(BodysenseError, match=r"a motion; --unlabelled: for markers \(\.c3d, .* leave it out"):
         open_source(tmp_path / "a.bvh", markers=MarkerOptions(unlabelled="left"))
     for options, message in (

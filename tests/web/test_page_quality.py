@@ -78,7 +78,7 @@ def test_a_second_visit_fetches_nothing(checked: dict[str, Any]) -> None:
 
 def test_whatever_goes_wrong_is_one_sentence(scenario: Scenario, site: Path) -> None:
     notices = scenario("alone/faults", site)["notices"]
-    assert len(notices) == 14
+    assert len(notices) == 16
     for text in notices.values():
         assert "\n" not in text and 20 < len(text) < 200 and text.endswith(".")
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
@@ -36,6 +37,13 @@ def body_of(path: Path) -> tuple[float, np.ndarray]:
 
     standing = lower(standing_pose(usual)) * skeleton.height / usual.height
     return skeleton.height, lower(clip.pose) - standing
+
+
+def box_pixels(path: Path) -> int:
+    """Return the number of pixels before the mirror's foot that have the colour of a seat."""
+    picture = np.asarray(Image.open(path).convert("RGB"), dtype=int)[150:250, 200:290]
+    red, green, blue = picture[..., 0], picture[..., 1], picture[..., 2]
+    return int(((red - blue > 8) & (abs(red - green) < 16) & (red > 90) & (red < 210)).sum())
 
 
 def test_a_tall_wearer_stands_on_the_floor_from_the_first_frame(visit: Visit) -> None:
@@ -84,3 +92,5 @@ def test_nothing_of_one_session_is_left_in_the_next(scenario: Scenario, site: Pa
     assert facts["menus"] == 3 * ["Point and pinch, or pull the trigger."]
     assert facts["silent"] == [True, True]
     assert facts["nothingOn"].startswith("No headset is on, and nothing else measures you.")
+    # A wearer who sits down is mirrored on a box, which is warm grey.
+    assert box_pixels(tmp_path / "no_mirror.png") < 60 and box_pixels(tmp_path / "seated.png") > 150

@@ -28,10 +28,6 @@ static const struct {
     {RIGHT_ANKLE, RIGHT_FOOT, 0.0145F},
 };
 
-static const float SEGMENT_CENTRE = 0.45F; /* of a segment, from its start (ibid.: 0.43 to 0.5) */
-static const float LEAST_CONTACT = 0.05F;  /* probability: feet in the air carry, too, if none stands */
-static const float LEAST_HEIGHT = 0.1F;    /* m of the centre of mass over the feet */
-
 /* Joints that are turned: those between the head and the ankles. */
 static const signed char TURNED[] = {PELVIS, LEFT_HIP, RIGHT_HIP, SPINE1, LEFT_KNEE, RIGHT_KNEE,
                                      SPINE2, SPINE3,   NECK,      LEFT_COLLAR, RIGHT_COLLAR};
@@ -49,7 +45,7 @@ static vec3 centre_of_mass(const body *b) {
     vec3 sum = vec(0, 0, 0);
     float mass = 0.0F;
     for (size_t k = 0; k < sizeof SEGMENT / sizeof *SEGMENT; k++) {
-        vec3 centre = mix(b->point[SEGMENT[k].start], b->point[SEGMENT[k].end], SEGMENT_CENTRE);
+        vec3 centre = mix(b->point[SEGMENT[k].start], b->point[SEGMENT[k].end], BALANCE_CENTRE);
         sum = along(sum, centre, SEGMENT[k].mass);
         mass += SEGMENT[k].mass;
     }
@@ -61,7 +57,7 @@ static vec3 support(const body *b, const prediction *p) {
     vec3 sum = vec(0, 0, 0);
     float weight = 0.0F;
     for (int k = 0; k < 2; k++) {
-        float stands = fmaxf(p->contact[k], p->contact[2 + k]) + LEAST_CONTACT;
+        float stands = fmaxf(p->contact[k], p->contact[2 + k]) + BALANCE_IN_AIR;
         sum = along(sum, mix(b->point[LEFT_ANKLE + k], b->point[LEFT_FOOT + k], 0.5F), stands);
         weight += stands;
     }
@@ -80,28 +76,28 @@ static void average_lean(vec3 lean, float still, float interval, balance_state *
 
 void balance_prediction(const tracked *t, pose_state *s, prediction *p) {
     balance_state *own = &s->balance;
-    float stands = 0.0F, free = 0.0F, cosine, sine;
+    float stands = 0.0F, cosine, sine;
     heading_of(p->rotation[PELVIS], &cosine, &sine);
     if (predicted_below(t)) {
         body b;
         memcpy(b.rotation, p->rotation, sizeof p->rotation);
         place(&b, t, t->position[HEAD]);
         vec3 off = sub(centre_of_mass(&b), support(&b, p));
-        if (off.y > LEAST_HEIGHT) {
+        if (off.y > BALANCE_OVER) {
             float speed = length(vec(s->head_speed.x, 0, s->head_speed.z));
             stands = between((t->position[HEAD].y - t->floor) / standing_height(t, HEAD), BALANCE_LOW, BALANCE_STANDS);
             float still = stands * between(speed, BALANCE_MOVING, BALANCE_STILL);
             vec3 lean = into_heading(scale(vec(off.x, 0, off.z), 1.0F / off.y), cosine, sine);
             if (s->begun) average_lean(lean, still, t->interval, own);
-            else *own = (balance_state){lean, stands, 0.0F};
-            free = BALANCE_FREE / off.y;
+            else *own = (balance_state){lean, stands, 0.0F, 0.0F};
+            own->free = BALANCE_FREE / off.y;
         }
     }
     own->stands += (stands - own->stands) * (1.0F - power_of_two(-t->interval / BALANCE_FIRST));
     vec3 lean = from_heading(own->lean, cosine, sine);
     float far = length(lean);
-    if (far <= free || own->stands == 0.0F) return;
-    vec3 turn = scale(vec(-lean.z, 0.0F, lean.x), own->stands * (far - free) / far);
+    if (far <= own->free || own->stands == 0.0F) return;
+    vec3 turn = scale(vec(-lean.z, 0.0F, lean.x), own->stands * (far - own->free) / far);
     for (size_t k = 0; k < sizeof TURNED / sizeof *TURNED; k++)
         p->rotation[TURNED[k]] = turned_by(p->rotation[TURNED[k]], turn);
 }

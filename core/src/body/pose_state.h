@@ -68,6 +68,7 @@ typedef struct balance_state {
     vec3 lean;    /* where the centre of mass is from the feet, per metre over them, in the pelvis's heading: averaged */
     float stands; /* 1: the body stands, 0: it does not; eased */
     float still;  /* s for which it has stood still */
+    float free;   /* so far it may lean; kept while points are measured, so that nothing jumps when they come */
 } balance_state;
 
 /* How a predicted joint is turned toward what is measured. */

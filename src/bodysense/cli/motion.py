@@ -147,7 +147,7 @@ def track(
     """
     from bodysense.devices.video.pictures import has_images
     from bodysense.io.markers.options import is_marker_file
-    from bodysense.sources.open import TRACKED_ENDINGS
+    from bodysense.sources.kinds import TRACKED_ENDINGS
 
     values = {
         **{"device": device, "missing": missing, "rig": rig, "person": person, "hold_feet": hold_feet},
@@ -287,7 +287,7 @@ def convert(
     check_rate("--file-rate", file_rate)
     work = partial(_convert_file, rig=rig, rate=rate, file_rate=file_rate, reading=reading)
     if more or file.is_dir():
-        from bodysense.sources.open import MOTION_ENDINGS
+        from bodysense.sources.kinds import MOTION_ENDINGS
 
         return do_many(work, [file, *more], MOTION_ENDINGS, out, many, json)
     if options := given_options(many):

@@ -45,7 +45,8 @@ def open_motion(
 
     Raises BodysenseError for every other kind of file.
     """
-    from bodysense.sources.open import MOTION_ENDINGS, MotionSource, kind_of, open_source
+    from bodysense.sources.kinds import MOTION_ENDINGS, kind_of
+    from bodysense.sources.open import MotionSource, open_source
 
     kind = kind_of(file)
     try:

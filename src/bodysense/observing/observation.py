@@ -56,6 +56,7 @@ _NO_POSITION, _NO_ROTATION = (nan, nan, nan), (nan, nan, nan, nan)
 _HEADS = ("head", "headset")
 _HIGHEST_HEAD = 20.0  # m above the floor; a higher head without other points is in another unit
 _WIDEST = 4.0  # m from the head to the mean of the other points; no body is as large
+_USUAL_RISE, _USUAL_HEAD = 0.55, 1.55  # m from the mean of a standing body's points to its head, and from the floor
 _LOW = 0.7  # m; a lower head is not that of a standing body
 _STANDING = (0.8, 2.3)  # m; usual heights of a head
 _COMPACT = 2.0  # m along each axis; points that are as near pass `check_world` in any case
@@ -343,11 +344,14 @@ def check_world(
     rise = _head_above_points(observation, head)
     size = abs(height) if rise is None else float(np.linalg.norm(rise))
     if unit is None and size > (_HIGHEST_HEAD if rise is None else _WIDEST):
-        likely = "cm" if size < 100 * _WIDEST else "mm"
+        from bodysense.observing.world_axes import UNITS, likely_unit
+
+        tall = float(np.median(np.abs(top).max(axis=-1))) / _USUAL_HEAD
+        likely = likely_unit(None if rise is None else size / _USUAL_RISE, tall)
         where = "above the floor" if rise is None else "from the other points"
         raise BodysenseError(
             f"{name}: the head is {size:.4g} m {where}; give metres, or say the unit: unit='{likely}' (--unit "
-            f"{likely}); unit='m' (--unit m) if it is really there"
+            f"{likely}); unit='m' (--unit m) if it is really there; units are {', '.join(UNITS)}"
         )
     stands_along_z = rise[2] > max(_UPRIGHT, 2 * abs(rise[1])) if rise is not None else _keeps_height(top[:, 2])
     if up is None and abs(height) < _LOW and _STANDING[0] < depth < _STANDING[1] and stands_along_z:
@@ -462,10 +466,13 @@ def _raise_invalid(observation: Observation, name: str, farthest: float) -> None
         far = observation.has_position & ~(np.abs(observation.position).max(axis=-1, initial=0.0) <= farthest)
         vague = observation.has_position & ~((observation.accuracy > 0) & (observation.accuracy < np.inf))
     if far.any():
+        from bodysense.observing.world_axes import UNITS
+
         *_, frame, point = place = tuple(np.argwhere(far)[0])
         raise BodysenseError(
             f"{name}: {observation.points[point]!r} is {np.abs(observation.position[place]).max():.4g} m from the "
-            f"origin at frame {frame}, but at most {farthest:g} m is possible; give metres, or move the origin nearer"
+            f"origin at frame {frame}, but at most {farthest:g} m is possible; give metres, say the unit, unit='mm' "
+            f"(one of {', '.join(UNITS)}), or move the origin nearer"
         )
     if vague.any():
         *_, frame, point = place = tuple(np.argwhere(vague)[0])

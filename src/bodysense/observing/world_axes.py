@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import log
 from typing import Literal
 
 import numpy as np
@@ -43,3 +44,17 @@ def turn_of(up: str, option: str) -> np.ndarray:
     if up not in TURNS:
         raise BodysenseError(f"{option} {up}: give the upward axis, {', '.join(TURNS)}")
     return TURNS[up]
+
+
+def likely_unit(size: float | None, height: float | None) -> str:
+    """Return the unit of `UNITS`, other than metres, in which a body is likeliest.
+
+    Args:
+        size: of the body, relative to the usual one in metres; None if it is unknown.
+        height: of its head or trunk over the floor, relative to that of an adult who stands; None if it is unknown.
+    """
+
+    def unlikely(metres: float) -> float:
+        return sum(abs(log(max(value, 1e-9) * metres)) for value in (size, height, height) if value is not None)
+
+    return min((name for name in UNITS if name != "m"), key=lambda name: unlikely(UNITS[name]))

@@ -8,7 +8,7 @@ from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from reprlib import repr as brief
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,28 +18,23 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.io.checked import checked
 from bodysense.io.clip import Clip
-from bodysense.io.formats.archive import ZIP, MotionFile
+from bodysense.io.formats.archive import MotionFile
 from bodysense.io.formats.headset_log import is_headset_log, read_headset_log
-from bodysense.io.formats.pickled import ENDINGS as PICKLES
-from bodysense.io.formats.recording import Recording, is_recording, read_recording
+from bodysense.io.formats.recording import Recording, read_recording
 from bodysense.io.markers.options import ENDINGS as MARKER_ENDINGS
-from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions, is_marker_file
+from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.rigged import Rigged, read_rigged
 from bodysense.observing.observation import Observation, convert_world
 from bodysense.quality.plausible import floor_doubt
+from bodysense.sources.kinds import GLTF, MANY_KINDS, kind_of
 
 if TYPE_CHECKING:
     from bodysense.io.formats.point_layouts import JointPlaces
     from bodysense.io.markers.raw_markers import MarkerRecording
     from bodysense.sources.partial_motion import PartialMotion
 
-_MANY_KINDS = (".npz", ".npy", *PICKLES)  # motions, recordings or joint positions, depending on their content
-_GLTF = (".glb", ".gltf", ".vrma", ".vrm")
 _JOINT_FILES = (".bvh", ".fbx")  # files whose joints can be written again
-MOTION_ENDINGS = (".bvh", ".fbx", ".mvnx", ".npz", ".npy", *_GLTF, *PICKLES)
-TRACKED_ENDINGS = (*MOTION_ENDINGS, ".jsonl", *MARKER_ENDINGS)  # of the files of a folder; videos are given by name
-Kind = Literal["motion", "recording", "markers", "video"]
 HeldStill = tuple[tuple[str, ...], np.ndarray]  # joints of a file, and (T, J) bool: limbs with constant values
 _NOTHING_HELD: HeldStill = (), np.zeros((0, 0), dtype=bool)
 
@@ -64,9 +59,9 @@ class MotionSource:
         if self.path is None:
             return
         for option, endings, kinds in (
-            ("smpl_model", _MANY_KINDS, "AMASS and SMPL files (.npz, .npy)"),
+            ("smpl_model", MANY_KINDS, "AMASS and SMPL files (.npz, .npy)"),
             ("skin", (".fbx",), "FBX files"),
-            ("animation", (".fbx", *_GLTF), "FBX and glTF files"),
+            ("animation", (".fbx", *GLTF), "FBX and glTF files"),
         ):
             if getattr(self.options, option) is not None and self.path.suffix.lower() not in endings:
                 raise BodysenseError(f"{self.path}: --{option.replace('_', '-')} is for {kinds}; leave it out")
@@ -96,7 +91,7 @@ class MotionSource:
         if self.given is not None:
             return self.given, (), _NOTHING_HELD
         assert self.path is not None
-        if self.path.suffix.lower() in (*_MANY_KINDS, *_GLTF):
+        if self.path.suffix.lower() in (*MANY_KINDS, *GLTF):
             return *_read_motion(self.path, self.options, self.rate), _NOTHING_HELD
         rigged = read_rigged(MotionFile(self.path).read(), self.path, self.options)
         held = _still_limbs(rigged) if self.joint_file is not None and self.watches_limbs else _NOTHING_HELD
@@ -170,7 +165,7 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
     if not isinstance(source, (str, PathLike)):
         raise BodysenseError(f"{brief(source)}: no source; give a file's path, or a Clip, Observation or Recording")
     path, kind = Path(source), kind_of(source)
-    if kind == "motion" and path.suffix.lower() not in _MANY_KINDS:
+    if kind == "motion" and path.suffix.lower() not in MANY_KINDS:
         return _motion_source(path, reading, markers)
     if kind == "video":
         _check_video(str(source), reading, markers)
@@ -197,104 +192,11 @@ def _motion_source(path: Path, reading: ReadingOptions, markers: MarkerOptions) 
 
 def _has_rate(path: Path) -> bool:
     """Whether a motion file has a frame rate. That of an SMPL file does not count, because an option may correct it."""
-    if path.suffix.lower() not in _MANY_KINDS:
+    if path.suffix.lower() not in MANY_KINDS:
         return True
     from bodysense.io.formats.smpl import RATE, is_smpl
 
     return not is_smpl(path) and not array_shapes(path).keys().isdisjoint(RATE)
-
-
-def kind_of(source: str | Path) -> Kind:
-    """Return the kind of a file, a folder of images or a webcam's index.
-
-    Raises BodysenseError, with the fix, for a file that does not exist and for kinds that are never read.
-    """
-    path = Path(source)
-    ending = path.suffix.lower()
-    if ending in MOTION_ENDINGS and ending not in _MANY_KINDS and path.is_file():
-        return "motion"
-    from bodysense.devices.video.pictures import VIDEOS, is_video
-
-    if is_video(str(source)):
-        _check_images(path)
-        return "video"
-    if not path.is_file():
-        scheme, is_address, rest = str(source).partition(":/")
-        if is_address and len(scheme) > 1:  # one letter is a drive
-            raise BodysenseError(
-                f"{scheme}://{rest.lstrip('/')}: an address, and only files are read; download it first"
-            )
-        raise BodysenseError(f"{path}: no such file")
-    check_kind(path)
-    if is_marker_file(path):
-        return "recording" if is_headset_log(path) else "markers"
-    if is_recording(path):
-        return "recording"
-    if ending not in (*MOTION_ENDINGS, ZIP):
-        raise BodysenseError(
-            f"{path}: unknown kind of file {path.suffix!r}; valid are motions ({', '.join(MOTION_ENDINGS)}), markers "
-            f"({', '.join(MARKER_ENDINGS)}), recordings (.npz, .jsonl) and videos ({', '.join(VIDEOS)}, or images)"
-        )
-    return "motion"
-
-
-def check_kind(path: str | Path) -> None:
-    """Raise BodysenseError, with the fix, for unsupported kinds of files: gzip, USD, results of ROMP …"""
-    path = Path(path)
-    ending = path.suffix.lower()
-    if ending == ".gz":
-        raise BodysenseError(f"{path}: compressed by gzip; unpack it: gunzip -k {path.name}")
-    if ending in _UNSUPPORTED:
-        raise BodysenseError(f"{path}: {_UNSUPPORTED[ending]}")
-    if ending == ".npz" and "results" in array_shapes(path):
-        raise BodysenseError(
-            f"{path}: results of ROMP or BEV, a pickle within an archive, which may run any code when it is read; "
-            "save a person's 'smpl_thetas' (T, 72) as 'poses' and 'cam_trans' (T, 3) as 'trans' with numpy.savez"
-        )
-
-
-# Unsupported files that users often have, and the fix for each.
-_UNSUPPORTED = {
-    ".mvn": "Xsens's own format is not read; export the take as .mvnx or .bvh: File, Export, in MVN",
-    ".vmd": "VMD, a motion of MikuMikuDance, is not read; import model and motion in Blender with MMD Tools, and "
-    "export them as .glb or .bvh",
-    ".json": "JSON of key points or of SMPL is not read: of a picture (OpenPose, AlphaPose …) give the video itself; "
-    "write places in space as .csv (NAME.x, NAME.y, NAME.z) or .npy, and parameters of SMPL with numpy.savez, as "
-    "'poses' and 'trans'",
-    ".asf": "a skeleton without motion; convert it and its .amc to BVH (the library has its takes as BVH, too), or "
-    "import both in Blender and export them as .bvh or .glb",
-    ".amc": "AMC, a motion of an ASF skeleton, is not read; convert it to BVH (the library has its takes as BVH, too), "
-    "or import it in Blender and export it as .bvh or .glb",
-    ".mot": "joint angles of OpenSim are not read; track the markers they come from (.trc), or convert them to "
-    "joint places with OpenSim (Analyze, PointKinematics) and save those as .trc",
-    ".sto": "a table of OpenSim is not read; track the markers it comes from (.trc), or convert it to joint places "
-    "with OpenSim (Analyze, PointKinematics) and save those as .trc",
-    **{
-        ending: f"{name} is not read; convert it with Blender: import it and export it as .glb, or: blender -b "
-        f"--python-expr \"import bpy; bpy.ops.wm.{call}(filepath='scene{ending}'); "
-        "bpy.ops.export_scene.gltf(filepath='scene.glb')\""
-        for ending, name, call in (
-            (".usd", "USD", "usd_import"),
-            (".usda", "USD", "usd_import"),
-            (".usdc", "USD", "usd_import"),
-            (".usdz", "USD", "usd_import"),
-            (".dae", "Collada", "collada_import"),
-        )
-    },
-}
-
-
-def _check_images(path: Path) -> None:
-    """Raise BodysenseError, with the fix, for a folder without images."""
-    if not path.is_dir():
-        return
-    from bodysense.devices.video.pictures import IMAGES, has_images
-
-    if not has_images(path):
-        endings = {file.suffix.lower() for file in path.iterdir()}
-        never = sorted(endings & _UNSUPPORTED.keys())
-        fix = _UNSUPPORTED[never[0]] if never else f"give one file, or a folder of {', '.join(IMAGES)}"
-        raise BodysenseError(f"{path}: a folder without images; {fix}")
 
 
 def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tuple[Clip, tuple[str, ...]]:
@@ -303,12 +205,12 @@ def _read_motion(path: Path, options: ReadingOptions, rate: float | None) -> tup
     from bodysense.io.datasets.sources import apply_options, read_amass_source
     from bodysense.io.formats.smpl import is_smpl, read_smpl
 
-    if path.suffix.lower() in _MANY_KINDS and is_smpl(path):
+    if path.suffix.lower() in MANY_KINDS and is_smpl(path):
         clip, remarks = read_smpl(path, rate, options)
         told = replace(options, unit=None, up=None, figure=None)
         clip = checked(apply_options(clip, told, "results of SMPL", "y"), options=options)
         return clip, tuple(f"note: {remark}" for remark in remarks)
-    if path.suffix.lower() in _GLTF:
+    if path.suffix.lower() in GLTF:
         from bodysense.io.formats.gltf.motion import read_gltf
 
         clip, remarks = read_gltf(path, options.joints, options.animation)

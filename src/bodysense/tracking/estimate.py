@@ -83,7 +83,7 @@ class Estimate:
     contact: np.ndarray  # (..., T, 4) probability that each of `CONTACT_POINTS` rests on something
     rest_offset: np.ndarray  # (..., T, P, 3) m
     memory: Outputs | None = field(default=None, repr=False)  # that a step may reuse (`Tracker.step`)
-    notices: tuple[str, ...] = ()  # doubts about the world of the first frames, each with its fix
+    notices: tuple[str, ...] = ()  # doubts about the world of a state's first 20 s, each with its fix
 
     def __getitem__(self, name: str) -> EstimatedPoint:
         """Return a point by its name. Raises BodysenseError, with the nearest names, for an unknown one."""

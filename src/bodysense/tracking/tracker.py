@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import isnan
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,10 +28,11 @@ from bodysense.tracking import core
 from bodysense.tracking.estimate import Estimate, TrackedPose
 from bodysense.tracking.model import CompletionModel, packaged_model
 
+if TYPE_CHECKING:
+    from bodysense.observing.guard import Guard
+
 __all__ = ["Estimate", "Tracker", "TrackerSettings", "TrackerState", "step_together"]
 
-_LONGEST_STEP = 5.0  # s between frames; a longer step is doubted
-_LOST = 120.0  # s without frames that are a pause, not times in another unit
 SHORTEST_INTERVAL, LONGEST_INTERVAL, LONGEST_EASE = 1e-4, 10.0, 10.0  # s, of settings
 
 
@@ -82,6 +84,7 @@ class TrackerState:
     people: tuple[Person, ...]  # their known properties, as given
     model: CompletionModel
     memory: tuple[np.ndarray, ...]  # B states of the core, (N,) uint8
+    guards: tuple[Guard | None, ...]  # B, what was looked at of each person's world; None before the first frame
 
     def __repr__(self) -> str:
         times = (self.time(k) for k in range(len(self.people)))
@@ -107,7 +110,8 @@ class TrackerState:
         are kept if the mounts of the person are unchanged, else they are reset.
         """
         rows = zip(self.memory, people, strict=True)
-        return TrackerState(tuple(people), self.model, tuple(self.model.core.updated(*row) for row in rows))
+        memory = tuple(self.model.core.updated(*row) for row in rows)
+        return TrackerState(tuple(people), self.model, memory, self.guards)
 
     def to_bytes(self) -> bytes:
         """Return the state as bytes, which `Tracker.restore` reads."""
@@ -149,7 +153,8 @@ class Tracker:
 
     def start(self) -> TrackerState:
         """Return the state before the first frame."""
-        return TrackerState(self.people, self.model, tuple(self.model.core.start(person) for person in self.people))
+        memory = tuple(self.model.core.start(person) for person in self.people)
+        return TrackerState(self.people, self.model, memory, (None,) * len(memory))
 
     def restore(self, stored: bytes) -> TrackerState:
         """Return the state of these people from bytes of `TrackerState.to_bytes`, possibly of another process.
@@ -163,7 +168,11 @@ class Tracker:
                 f"{self.model.name}: give what `to_bytes` gave, and the same people and network"
             )
         parts = [stored[k * size : (k + 1) * size] for k in range(count)]
-        return TrackerState(self.people, self.model, tuple(self.model.core.opened(part) for part in parts))
+        memory = tuple(self.model.core.opened(part) for part in parts)
+        from bodysense.observing.guard import LOOKED
+
+        guards = (None if isnan(core.time_of(part)) else LOOKED for part in memory)
+        return TrackerState(self.people, self.model, memory, tuple(guards))
 
     def step(
         self,
@@ -203,29 +212,10 @@ class Tracker:
                     f"tracker: out has memory of other frames or people than the observation's {len(observation)} "
                     f"frames of {count}; give an estimate and a state of an earlier step like this one"
                 )
-        notices = self._notices(each, state)
+        notices, guards = _watch(each, state, self.settings.floor)
         made, memory = _step_core(self.model, self.settings, each, state.memory, outputs, after)
         estimate = _estimate(made.of_first if alone else made.arrays, made, notices)
-        return estimate, TrackerState(state.people, state.model, memory)
-
-    def _notices(self, each: Sequence[Observation], state: TrackerState) -> tuple[str, ...]:
-        """Return notices about the first frames of each person's state, and about steps of many seconds."""
-        doubtful: list[tuple[Observation, float]] = []
-        for observation, memory in zip(each, state.memory, strict=True):
-            before = core.time_of(memory)
-            if isnan(before) or (len(observation) and _LONGEST_STEP < observation.time[0] - before < _LOST):
-                doubtful.append((observation, before))
-        if not doubtful:
-            return ()
-        from bodysense.observing.guard import interval_notice, world_notices
-
-        found: list[str] = []
-        for observation, before in doubtful:
-            if isnan(before):
-                found += world_notices(observation, self.settings.floor)
-            else:
-                found.append(interval_notice(float(observation.time[0] - before)))
-        return tuple(dict.fromkeys(found))
+        return estimate, TrackerState(state.people, state.model, memory, guards)
 
 
 def step_together(
@@ -243,14 +233,31 @@ def step_together(
         check_shapes(observation)
     memory = [state.memory[0] for _, _, state in jobs]
     each = [_joints_only(observation, tracker.people[0]) for tracker, observation, _ in jobs]
+    watched = [_watch([seen], job[2], first.settings.floor) for seen, job in zip(each, jobs, strict=True)]
     made, after = _step_core(first.model, first.settings, each, memory)
     return [
         (
-            _estimate({name: values[k] for name, values in made.arrays.items()}),
-            TrackerState(state.people, state.model, after[k : k + 1]),
+            _estimate({name: values[k] for name, values in made.arrays.items()}, notices=notices),
+            TrackerState(state.people, state.model, after[k : k + 1], guards),
         )
-        for k, (_, _, state) in enumerate(jobs)
+        for k, ((_, _, state), (notices, guards)) in enumerate(zip(jobs, watched, strict=True))
     ]
+
+
+def _watch(
+    each: Sequence[Observation], state: TrackerState, floor: float
+) -> tuple[tuple[str, ...], tuple[Guard | None, ...]]:
+    """Return notices about the worlds of each person's next frames, and the guards after them."""
+    found: list[str] = []
+    guards = list(state.guards)
+    for k, (observation, memory) in enumerate(zip(each, state.memory, strict=True)):
+        before, guard = core.time_of(memory), guards[k]
+        if guard is None or guard.is_due(observation, before):
+            from bodysense.observing.guard import Guard, watch
+
+            notices, guards[k] = watch(guard or Guard(), observation, before, floor)
+            found += notices
+    return tuple(dict.fromkeys(found)), tuple(guards)
 
 
 def _step_core(

@@ -339,3 +339,17 @@ def test_a_busy_machine_drops_frames_and_does_not_delay_them(
         assert enough.wait(30)
         drain(client)
     assert max(late[2:]) <= 5  # more were sent before the first step
+
+
+def test_frames_out_of_order_are_not_learned_from() -> None:
+    """A late or doubled frame is left out of what the layout is learned from; a clock that was set begins anew."""
+    live = LiveMarkers(MarkerFormat())
+
+    def add(*times: float) -> list[float]:
+        for time_ in times:
+            assert live.add(StreamFrame(time_, ("LTHI", "RUPA"), np.full((2, 3), time_), "mm", "z")) is None
+        return [frame.time for frame in live.window()]
+
+    assert add(5.0, 5.01, 5.03, 5.02, 5.03, 5.04) == [5.0, 5.01, 5.03, 5.04]
+    assert add(905.0, 905.01) == [905.0, 905.01]
+    assert add(1.0, 1.01) == [1.0, 1.01]

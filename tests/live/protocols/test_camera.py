@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import time
 from collections.abc import Generator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.formats.osc import read_packet
 from bodysense.observing.observation import Observation
 from bodysense_live.protocols import camera_link
-from bodysense_live.protocols.camera_link import CameraSettings
+from bodysense_live.protocols.camera_link import CameraSettings, Look, is_dark
 from bodysense_live.protocols.datagrams import Receiver
 from bodysense_live.server.settings import ServerSettings
 
@@ -59,12 +60,12 @@ class Webcam:
     def __init__(self, pictures: int) -> None:
         self.pictures, self.opened = pictures, 0
 
-    def frames(self, settings: CameraSettings, skeleton: Skeleton) -> Generator[Observation, None, None]:
+    def frames(self, settings: CameraSettings, skeleton: Skeleton) -> Generator[Look, None, None]:
         self.opened += 1
         if self.opened == 2:
             raise BodysenseError("webcam 0: not found, or used by another program; give another index or a file")
         for _ in range(self.pictures):
-            yield before_the_camera(CURL)
+            yield Look(before_the_camera(CURL))
             time.sleep(1 / RATE)
         raise VideoBrokenError("webcam 0: no more pictures; those before were used")
 
@@ -114,10 +115,61 @@ def test_a_page_watches_the_webcam(server_of: Serving, connect: Connecting, webc
 
 
 def test_a_webcam_that_cannot_be_opened_is_an_error_at_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    def none(settings: CameraSettings, skeleton: Skeleton) -> Generator[Observation, None, None]:
+    def none(settings: CameraSettings, skeleton: Skeleton) -> Generator[Look, None, None]:
         raise BodysenseError("webcam 7: not found")
-        yield before_the_camera(0.0)
+        yield Look(before_the_camera(0.0))
 
     monkeypatch.setattr(camera_link, "camera_frames", none)
     with pytest.raises(BodysenseError, match="webcam 7: not found"):
         camera_link.CameraLink(CameraSettings(7), SKELETON)
+
+
+def nobody() -> Observation:
+    there = before_the_camera(CURL)
+    none = np.zeros_like(there.has_position)
+    return replace(
+        there,
+        position=np.full_like(there.position, np.nan),
+        rotation=np.full_like(there.rotation, np.nan),
+        has_position=none,
+        has_rotation=none,
+    )
+
+
+def test_a_covered_lens_is_reported_and_the_person_is_followed_on(
+    server_of: Serving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each state is printed once: a person, a covered lens, an empty room, and a person again."""
+    states = (
+        ("a person is seen", Look(before_the_camera(CURL))),
+        ("the picture is black: uncover the lens, or switch a light on", Look(nobody(), is_dark=True)),
+        ("nobody is seen", Look(nobody())),
+        ("a person is seen", Look(before_the_camera(CURL))),
+    )
+    lines: list[str] = []
+
+    def frames(settings: CameraSettings, skeleton: Skeleton) -> Generator[Look, None, None]:
+        for count, (_, look) in enumerate(states, start=1):
+            until = time.monotonic() + 20
+            while len(lines) < count and time.monotonic() < until:
+                yield look
+                time.sleep(1 / RATE)
+
+    monkeypatch.setattr(camera_link, "ABSENT", 0.05)
+    monkeypatch.setattr(camera_link, "camera_frames", frames)
+    monkeypatch.setattr(camera_link, "print", lambda line, flush: lines.append(line), raising=False)
+    server_of(ServerSettings(camera=CameraSettings(0)))
+    until = time.monotonic() + 60
+    while len(lines) < len(states) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert lines[: len(states)] == [f"webcam 0: {state}" for state, _ in states]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_covered_lens_is_black_but_for_noise_and_a_dim_room_is_not(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    covered = np.clip(rng.normal(3, 3, (480, 640, 3)), 0, 255).astype(np.uint8)
+    dim = covered.copy()
+    row, column = rng.integers(40, 380, 2)
+    dim[row : row + 80, column : column + 120] += 40  # a face by the light of a screen
+    assert is_dark(covered) and not is_dark(dim)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -147,6 +148,33 @@ def test_a_subscriber_gets_bodies_and_nothing_after_half_a_second_without_a_sign
         assert not reader.poll(200)
         link.send_body(answer(performed()[0], 16.0))
         assert json.loads(reader.recv())["time"] == 16.0
+
+
+def test_a_reader_that_goes_is_reported_and_reads_on_when_it_is_back(capsys: pytest.CaptureFixture[str]) -> None:
+    with subscribed() as (link, reader):
+
+        def until(said: str) -> str:
+            for k in range(500):
+                link.send_body(answer(performed()[0], 20.0 + 0.01 * k))
+                lines.append(capsys.readouterr().out)
+                if said in "".join(lines):
+                    return "".join(lines)
+                time.sleep(0.01)
+            raise AssertionError("".join(lines))
+
+        lines: list[str] = []
+        assert until("a program reads the bodies").count("\n") == 1
+        reader.close()
+        lines.clear()
+        assert until("no program reads the bodies any more").count("\n") == 1
+        again = zmq.Context.instance().socket(zmq.SUB)
+        again.connect(link.address)
+        again.setsockopt(zmq.SUBSCRIBE, b"")
+        lines.clear()
+        assert until("a program reads the bodies at").count("\n") == 1
+        link.send_body(answer(performed()[0], 30.0))
+        assert again.poll(2000)
+        again.close()
 
 
 def test_a_body_returns_slowly_after_a_loss_and_arrives() -> None:

@@ -147,6 +147,26 @@ def test_trackers_are_moved_ignored_and_forgotten_by_settings() -> None:
     assert one.tracker_joints == {"tracker_1": "right_ankle"}  # the others wait for a calibration again
 
 
+def test_a_tracker_that_is_moved_back_has_its_mount_again() -> None:
+    one = Session(SIGNALS, WEARER)
+    usual = {"tracker_1": "left_ankle", "tracker_2": "right_ankle", "tracker_3": "pelvis"}
+    one.assign_trackers(usual)
+    (first,) = play(one, frames(1))
+    for other in (
+        {"tracker_1": "right_ankle", "tracker_2": "left_ankle", "tracker_3": "pelvis"},
+        {**usual, "tracker_3": ""},
+        {**usual, "tracker_3": "spine3"},
+    ):
+        one.apply(worn(**other))
+        assert (
+            one.calibrated is not None and one.calibrated.mounts.keys() < MOUNTS.keys()
+        )  # of another tracker, or joint
+        one.apply(worn(**usual))
+        assert one.calibrated.mounts == MOUNTS
+    (again,) = play(one, frames(1, start=1))
+    assert tracked(again) == tracked(first) > {"head"}
+
+
 def test_ignored_trackers_stay_ignored_when_the_wearer_is_measured() -> None:
     one = Session(SIGNALS, WEARER)
     one.apply(worn(tracker_2=""))

@@ -1,6 +1,7 @@
 /** The webcam's picture, small next to the body, with the landmarks that were found and a line on its state. */
 
 import { button, element, find } from "../page";
+import { isDark } from "../sources/webcam/stream";
 
 /** Landmarks in the picture, 0 … 1 from its top left corner, and how sure each is. */
 export type Marks = readonly { readonly x: number; readonly y: number; readonly visibility?: number }[];
@@ -27,6 +28,12 @@ export class CameraPicture {
     switched: () => void,
   ) {
     button("camera-mirror").onclick = switched;
+  }
+
+  /** Whether the last picture is black but for noise. */
+  get isDark(): boolean {
+    const { width, height } = this.canvas;
+    return this.context !== null && isDark(this.context.getImageData(0, 0, width, height).data);
   }
 
   /** Draw a picture with the landmarks that were found in it. */

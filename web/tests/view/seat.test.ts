@@ -52,4 +52,20 @@ describe("a seat", () => {
     expect(seat.group.position.x).toBe(before[0]);
     expect(after(stood, 1)).toBe(false);
   });
+
+  it("comes under hips that rest over their feet, not under a squat, and cuts no shins", () => {
+    const after = (body: Body, frames: number): Seat => {
+      const seat = new Seat();
+      for (let k = 0; k < frames; k++) seat.show(body, skeleton, 0.1);
+      return seat;
+    };
+    const [over, squat] = [bent(1.2, 1.9), bent(1.9, 2.6)];
+    expect(seatUnder(over, skeleton)).toBeNull();
+    expect(after(over, 15).group.visible).toBe(false);
+    expect(after(squat, 50).group.visible).toBe(false);
+    const { group } = after(over, 30);
+    expect(group.visible).toBe(true);
+    const ankle = over.position[3 * skeleton.points.indexOf("left_ankle") + 2];
+    expect(group.position.z + 0.21).toBeLessThan(ankle);
+  });
 });

@@ -63,7 +63,7 @@ def is_video(source: str) -> bool:
 
 def has_images(folder: Path) -> bool:
     """Whether a folder has images, so that it is read as a video."""
-    return any(file.suffix.lower() in IMAGES for file in folder.iterdir())
+    return any(file.suffix.lower() in IMAGES and file.is_file() for file in folder.iterdir())
 
 
 def open_video(source: str, rate: float = 30.0) -> Video:
@@ -177,7 +177,8 @@ def _open_folder(path: Path, rate: float) -> Video:
     if not rate > 0:
         raise BodysenseError(f"--image-rate {rate:g}: give a rate in Hz, above 0")
     files = sorted(
-        (file for file in path.iterdir() if file.suffix.lower() in IMAGES), key=lambda file: natural_order(file.name)
+        (file for file in path.iterdir() if file.suffix.lower() in IMAGES and file.is_file()),
+        key=lambda file: natural_order(file.name),
     )
     if not files:
         raise BodysenseError(f"{path}: the folder has no images; valid are {', '.join(IMAGES)}")

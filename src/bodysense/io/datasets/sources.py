@@ -68,7 +68,8 @@ def read_with_rig(source: Source, options: ReadingOptions = AS_FOUND) -> tuple[C
     file = source.file
     suffix = file.place.suffix
     if suffix.lower() not in (*SUFFIXES, ZIP, FBX):
-        raise BodysenseError(f"{file.place}: unknown kind of file {suffix!r}; valid are {', '.join(SUFFIXES)}")
+        what = f"unknown kind of file {suffix!r}" if suffix else "a name without an ending"
+        raise BodysenseError(f"{file.place}: {what}; valid are {', '.join(SUFFIXES)}")
     rig = None
     if suffix.lower() == ".npz":
         clip = read_amass_source(source, options)[0]

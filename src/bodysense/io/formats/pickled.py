@@ -73,7 +73,8 @@ def _load(stream: IO[bytes], path: Path, storage: Callable[[Any], Any] | None) -
     except BodysenseError:
         raise
     except Exception as error:  # damaged pickles raise many kinds
-        reason = " ".join(str(error).split())[:80] or type(error).__name__
+        reason = f"unknown code {error}" if isinstance(error, KeyError) else " ".join(str(error).split())[:80]
+        reason = reason or type(error).__name__
         raise BodysenseError(f"{path}: cannot be read as a pickle ({reason}); copy or export it again") from None
 
 

@@ -18,7 +18,8 @@ from bodysense.geometry.rotation import geodesic_angle, mean_rotation, quaternio
 from bodysense.takes.joining import keep_tracked_rotations
 from bodysense.takes.joining_network import load_joining, shift_share
 from bodysense_lab.completion.data import joining_takes
-from bodysense_lab.completion.data.joining_takes import KINDS, JoinedTake, cached_takes, draw_takes
+from bodysense_lab.completion.data.joining_takes import KINDS, JoinedTake, cached_takes, draw_observation, draw_takes
+from bodysense_lab.completion.score.scenes import TrackedScene
 from bodysense_lab.completion.training.joining_task import (
     JoiningConfig,
     JoiningModule,
@@ -194,6 +195,16 @@ def test_every_kind_of_take_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
         take = next(draw_takes([clip], "val", np.random.default_rng(3)))
         assert np.isfinite(take.features).all() and len(take) >= joining_takes.SHORTEST
         assert np.abs(np.linalg.norm(take.past.astype(float), axis=-1) - 1).max() < 1e-2
+
+
+def test_every_drawn_set_of_sensors_is_observed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawn sets name knuckles, which a body has as joints of fingers."""
+    scene = TrackedScene("demo", "", packaged_performance().pose[:10])
+    monkeypatch.setattr(joining_takes, "KINDS", {"lattice": 0.5, "signals": 0.5})
+    rng = np.random.default_rng(4)
+    seen = [draw_observation(scene, rng) for _ in range(60)]
+    assert all(len(one.points) > 0 for one in seen)
+    assert any("left_index1" in one.points or "right_index1" in one.points for one in seen)
 
 
 def test_takes_are_cached_once_all_are_drawn(takes: list[JoinedTake], tmp_path: Path) -> None:

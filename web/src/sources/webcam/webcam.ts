@@ -10,20 +10,16 @@ import type { Live } from "../../live";
 import type { CameraPicture } from "../../ui/camera_picture";
 import { Presence } from "./presence";
 import type { Source } from "../source";
+import { openStream, whenBack } from "./stream";
 
 const FIELD_OF_VIEW = 60; // degrees over the longer side of the picture, as webcams usually have it
 const CALM = 0.05; // s: half-life of the smoothing of landmarks
 const GUESSED = 0.15; // largest probability of landmarks beyond the picture; the library's have it, too
 const LONELY = 4; // s without a person before the page reports it
+const BLACK = "The webcam's picture is black: uncover its lens, or switch a light on.";
+const NOBODY = "Nobody is seen yet: step back until the picture holds you from head to hips, better to the feet.";
 const LOADING = "Loading the person detector: 31 MB, once …";
 const LOOKING = "Looking for you …";
-const REFUSALS: Readonly<Record<string, string>> = {
-  NotAllowedError:
-    "The webcam was refused: allow it for this page in the browser's address bar, and press Webcam again.",
-  NotFoundError: "No webcam is connected: plug one in, and press Webcam again.",
-  NotReadableError: "The webcam is used by another program: close that one, and press Webcam again.",
-};
-
 /** Open the webcam. Throws an Error of one line that names the missing part. */
 export async function openWebcam(
   base: string,
@@ -34,15 +30,10 @@ export async function openWebcam(
   if (!navigator.mediaDevices)
     throw new Error("A webcam needs a safe address: open this page by https, or at http://localhost.");
   small.say("The browser asks for the webcam …");
-  const stream = await navigator.mediaDevices
-    .getUserMedia({ video: { width: 640, height: 480, facingMode: "user" } })
-    .catch((error: unknown) => {
-      small.hide();
-      const name = error instanceof DOMException ? error.name : "";
-      throw new Error(
-        REFUSALS[name] ?? `The webcam does not answer (${name || String(error)}): plug it in again, and press Webcam.`,
-      );
-    });
+  const stream = await openStream(navigator.mediaDevices).catch((error: unknown) => {
+    small.hide();
+    throw error;
+  });
   const video = document.createElement("video");
   video.srcObject = stream;
   video.muted = video.playsInline = true;
@@ -68,12 +59,13 @@ class Webcam implements Source {
   private lastTime = -1; // s, of the video: time of the last analysed picture
   private before = 0; // ms, of the frame with a person before
   private lonely = performance.now(); // ms: when a person was last seen
-  private hasReported = false;
+  private reported: string | null = null; // why no person is seen
   private pictures = 0;
   private withYou = 0; // of these pictures
+  private giveUp: () => void = () => undefined; // wait no longer for a webcam that was unplugged
 
   constructor(
-    private readonly stream: MediaStream,
+    private stream: MediaStream,
     private readonly video: HTMLVideoElement,
     private readonly small: CameraPicture,
     base: string,
@@ -86,9 +78,25 @@ class Webcam implements Source {
     this.worker.onerror = () => say("This browser cannot run MediaPipe; use a newer one.");
     this.worker.postMessage({ type: "open", base } satisfies ToCamera);
     small.say(LOADING);
-    for (const track of stream.getTracks())
-      track.onended = () =>
-        say("The webcam was unplugged: plug it in, and press Webcam again. What the timeline holds is kept.");
+    this.guard();
+  }
+
+  /** Wait for the webcam if it is unplugged, and go on with it. */
+  private guard(): void {
+    for (const track of this.stream.getTracks())
+      track.onended = () => {
+        this.say("The webcam was unplugged: plug it in again, and it goes on. What the timeline holds is kept.");
+        this.small.say("The webcam is unplugged");
+        this.giveUp = whenBack(navigator.mediaDevices, (stream) => {
+          this.stream = this.video.srcObject = stream;
+          this.lonely = performance.now();
+          this.reported = null;
+          void this.video.play();
+          this.guard();
+          this.small.say(LOOKING);
+          this.say(null);
+        });
+      };
   }
 
   get title(): string {
@@ -112,6 +120,7 @@ class Webcam implements Source {
   }
 
   stop(): void {
+    this.giveUp();
     this.small.hide();
     for (const track of this.stream.getTracks()) {
       track.onended = null;
@@ -162,18 +171,21 @@ class Webcam implements Source {
       this.small.say(`Nobody is seen. You were in ${share} % of the pictures`);
     }
     if (!points) {
-      if (milliseconds - this.lonely > 1000 * LONELY && !this.hasReported) {
-        this.hasReported = true;
-        this.say("Nobody is seen yet: step back until the picture holds you from head to hips, better to the feet.");
-      }
+      if (milliseconds - this.lonely > 1000 * LONELY) this.report(this.small.isDark ? BLACK : NOBODY);
       return;
     }
     this.small.say(seenOf(found?.visible ?? []));
     this.before = this.lonely = milliseconds;
-    if (this.hasReported) this.say(null);
-    this.hasReported = false;
+    this.report(null);
     this.sensors = points.map(({ name }) => name);
     this.live.track({ time: milliseconds / 1000, points }, null);
+  }
+
+  /** Say once why no person is seen; null: one is. */
+  private report(reason: string | null): void {
+    if (reason === this.reported) return;
+    this.reported = reason;
+    this.say(reason);
   }
 }
 

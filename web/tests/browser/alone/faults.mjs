@@ -36,15 +36,26 @@ await scenario({ viewport: { width: 500, height: 400 }, serviceWorkers: "block" 
   }
   await page.evaluate(() => {
     const canvas = document.createElement("canvas");
-    const draw = () => canvas.getContext("2d").fillRect(0, 0, Math.random() * 9, 9);
+    window.light = 0; // of 255
+    const draw = () => {
+      const context = canvas.getContext("2d");
+      context.fillStyle = `rgb(${light} ${light} ${light})`;
+      context.fillRect(0, 0, canvas.width, canvas.height);
+      context.fillStyle = "black"; // so that pictures differ
+      context.fillRect(0, 0, Math.random() * 9, 9);
+    };
     setInterval(draw, 50);
-    window.stream = canvas.captureStream();
-    navigator.mediaDevices.getUserMedia = () => Promise.resolve(stream);
+    navigator.mediaDevices.getUserMedia = async () => (window.stream = canvas.captureStream());
   });
   await page.dispatchEvent("#open-webcam", "click");
+  await keep("covered", "picture is black");
+  await page.evaluate(() => (window.light = 120));
   await keep("nobody", "Nobody");
   await page.evaluate(() => stream.getTracks()[0].dispatchEvent(new Event("ended")));
   await keep("unplugged", "unplugged");
+  await page.evaluate(() => navigator.mediaDevices.dispatchEvent(new Event("devicechange")));
+  await page.waitForSelector("#notice", { state: "hidden" }); // it goes on
+  await keep("again", "Nobody");
   await page.dispatchEvent("#open-performance", "click");
   await until("#source", "performance");
 

@@ -97,7 +97,10 @@ await scenario({ colorScheme: "light", viewport: { width: 480, height: 320 } }, 
     }, k / 20);
     await page.evaluate(() => headsetFrames(2));
   }
-  await page.evaluate(() => headsetFrames(40));
+  await page.evaluate(async () => {
+    const began = performance.now();
+    for (let k = 0; k < 5 || performance.now() - began < 5000; k++) await headsetFrames(10);
+  });
   await page.screenshot({ path: `${pictures}/seated.png` });
   await takeOff(page);
   return facts;

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.video.device import POINTS, VideoDevice, VideoSettings
 from bodysense.devices.video.landmarker_files import find_landmarkers
@@ -23,6 +25,15 @@ from bodysense_live.sessions.answer import Answer
 
 RETRY = 2.0  # s between attempts to open a camera that was lost
 ABSENT = 1.0  # s without a person, after which the server says so
+_DARK = 16.0  # of 255, largest brightness of 99 % of the pixels behind a covered lens; noise of sensors is below it
+
+
+@dataclass(frozen=True)
+class Look:
+    """What one picture of a webcam shows."""
+
+    observation: Observation  # `POINTS` of one frame
+    is_dark: bool = False  # the lens is covered, or the room is dark
 
 
 @dataclass(frozen=True)
@@ -37,8 +48,8 @@ class CameraSettings:
             raise BodysenseError(f"--camera {self.index}: give the index of a webcam; the first is 0")
 
 
-def camera_frames(settings: CameraSettings, skeleton: Skeleton) -> Generator[Observation, None, None]:
-    """Yield an observation of `POINTS` for each picture of a webcam, until it has no more pictures.
+def camera_frames(settings: CameraSettings, skeleton: Skeleton) -> Generator[Look, None, None]:
+    """Yield what each picture of a webcam shows, until it has no more pictures.
 
     Raises BodysenseError if the webcam or the models cannot be opened, and VideoBrokenError when the webcam is lost.
     """
@@ -56,8 +67,13 @@ def camera_frames(settings: CameraSettings, skeleton: Skeleton) -> Generator[Obs
             landmarker,
             lambda aspect: VideoDevice(skeleton, arms, aspect, VideoSettings(look_ahead=0.0)),
         ):
-            for k in range(len(watched.frames)):
-                yield watched.frames.observation[k : k + 1]
+            for k, picture in enumerate(watched.pictures):
+                yield Look(watched.frames.observation[k : k + 1], is_dark(picture.pixels))
+
+
+def is_dark(pixels: np.ndarray) -> bool:
+    """Whether a picture (H, W, 3) uint8 is black but for noise."""
+    return bool(np.percentile(pixels[::8, ::8], 99) < _DARK)
 
 
 class CameraLink:
@@ -68,11 +84,12 @@ class CameraLink:
 
     def __init__(self, settings: CameraSettings, skeleton: Skeleton) -> None:
         self._settings, self._skeleton = settings, skeleton
-        self._frames: Generator[Observation, None, None] | None = camera_frames(settings, skeleton)
+        self._frames: Generator[Look, None, None] | None = camera_frames(settings, skeleton)
         next(self._frames, None)  # opens all, so that errors come before the start
         self._stopped = threading.Event()
         self._sequence = 0
-        self._seen_at: float | None = None  # s of the loop's clock, when a person was last seen; None: absent
+        self._seen_at: float | None = None  # s of the loop's clock, when a person was last seen; None: never
+        self._state = ""  # as printed last
 
     async def open(self, live: Live) -> None:
         """Start to watch."""
@@ -97,10 +114,10 @@ class CameraLink:
             reason = f"webcam {self._settings.index}: no more pictures"
             try:
                 with closing(frames):
-                    for observation in frames:
+                    for look in frames:
                         if self._stopped.is_set():
                             return
-                        self._loop.call_soon_threadsafe(self._receive, observation)
+                        self._loop.call_soon_threadsafe(self._receive, look)
             except VideoBrokenError:
                 pass
             except BodysenseError as error:
@@ -111,16 +128,21 @@ class CameraLink:
                 print(f"{reason}; it is opened again when it comes back", flush=True)
             self._stopped.wait(RETRY)
 
-    def _receive(self, observation: Observation) -> None:
+    def _receive(self, look: Look) -> None:
         """Pass a frame to the session, in the event loop. Frames without a person are left out."""
-        now = self._loop.time()
+        now, observation = self._loop.time(), look.observation
         if not (observation.has_position.any() or observation.has_rotation.any()):
-            if self._seen_at is not None and now - self._seen_at > ABSENT:
-                self._seen_at = None
-                print(f"webcam {self._settings.index}: nobody is seen", flush=True)
+            if self._seen_at is None or now - self._seen_at > ABSENT:
+                self._report("the picture is black: uncover the lens, or switch a light on" if look.is_dark else
+                             "nobody is seen")  # fmt: skip
             return
-        if self._seen_at is None:
-            print(f"webcam {self._settings.index}: a person is seen", flush=True)
+        self._report("a person is seen")
         self._seen_at = now
         self._sequence = (self._sequence + 1) % 2**32
         self._receive_frame(signal_of(observation, POINTS, self._sequence, now))
+
+    def _report(self, state: str) -> None:
+        """Print what the webcam sees, if it has changed."""
+        if state != self._state:
+            self._state = state
+            print(f"webcam {self._settings.index}: {state}", flush=True)

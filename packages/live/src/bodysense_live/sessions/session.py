@@ -85,6 +85,7 @@ class Session:
         self._messages: list[ServerMessage] = []
         self._initial_person = person
         self._base = person  # as last calibrated; settings may override the height
+        self._mounted: dict[tuple[str, str], RigidTransform] = {}  # by tracker and joint, of trackers that moved since
         self._clock = SignalClock()
         self._pending: tuple[SignalFrame | bytes, float, float] | None = None  # frame, moment, time received (s)
         self._busy = False
@@ -226,13 +227,26 @@ class Session:
         return {one.tracker: one.joint for one in self.settings.worn}
 
     def _move_trackers(self, before: Mapping[str, str]) -> None:
-        """Use the joints of the settings in place of `before`. Mounts are forgotten where another tracker is worn."""
+        """Use the joints of the settings in place of `before`. A mount is of one tracker on one joint.
+
+        Mounts are forgotten where another tracker is worn, and known again when their tracker is moved back.
+        """
         moved = before.items() ^ self._worn.items()
         joints = {joint for _, joint in moved} | {TRACKERS.get(name, "") for name, _ in moved}
+        carried, carries = self._carried(before), self._carried(self._worn)
         mounts = {joint: mount for joint, mount in self._base.mounts.items() if joint not in joints}
+        left = {joint: mount for joint, mount in self._base.mounts.items() if joint in joints and joint in carried}
+        self._mounted |= {(carried[joint], joint): mount for joint, mount in left.items()}
+        worn = ((carries[joint], joint) for joint in joints if joint in carries)
+        mounts |= {joint: self._mounted[name, joint] for name, joint in worn if (name, joint) in self._mounted}
         self._base = self.calibrated = _with_mounts(self._base, mounts)
         self._mapping = point_mapping(self.points, self.skeleton, self._worn)
         self._set_wearer(_with_mounts(self._pipeline.tracker.people[0], mounts))
+
+    def _carried(self, worn: Mapping[str, str]) -> dict[str, str]:
+        """Return the trackers by the joints that carry them."""
+        usual = {joint: name for name, joint in TRACKERS.items() if name in self.points and name not in worn}
+        return usual | {joint: name for name, joint in worn.items() if joint}
 
     def _match_trackers(self, frame: SignalFrame, observation: Observation) -> Observation:
         """Assign trackers to joints by their positions. Return the frame with the joints that were found."""
@@ -421,6 +435,7 @@ class Session:
         self._display.blend_next()
         self._messages += [Notice(text) for text in found.notices]
         self._base = self.calibrated = wearer or self._base.with_mounts(found.inertial.mounts)
+        self._mounted = {}
         if wearer is None:
             return
         self.assign_trackers(found.tracker_joints)

@@ -27,21 +27,23 @@ from bodysense.tracking.tracker import TrackerSettings
 from bodysense_lab.completion.data.blinks import lose_hands
 from bodysense_lab.completion.data.postures.straight_legs import straightened_pose
 from bodysense_lab.completion.data.sensor_draws import spans
+from bodysense_lab.completion.data.signal_kinds import TRAINING_SIGNALS, draw_signal, observed_set
 from bodysense_lab.completion.kinds.lattice import Edge, random_edges
 from bodysense_lab.completion.score.scenes import TrackedScene, body_split
 from bodysense_lab.core.scoring import RATE
 from bodysense_lab.data.augment import mirrored
 
-# Shares of the kinds of takes: sensor sets, sets of the lattice, and motions with missing limbs.
+# Shares of the kinds of takes: sensor sets, sets of the lattice, kinds of signals, and motions with missing limbs.
 KINDS = {
-    "three_point": 0.28,
-    "head": 0.12,
-    "headset_camera": 0.26,
-    "six_point": 0.05,
-    "four_point": 0.05,
-    "three_point_imu_feet": 0.07,
-    "lattice": 0.10,
-    "holes": 0.07,
+    "three_point": 0.25,
+    "head": 0.10,
+    "headset_camera": 0.24,
+    "six_point": 0.04,
+    "four_point": 0.04,
+    "three_point_imu_feet": 0.06,
+    "lattice": 0.08,
+    "signals": 0.13,
+    "holes": 0.06,
 }
 LONGEST, SHORTEST = 900, 30  # frames of a take
 _STRAIGHT = 0.3  # share of training takes whose standing legs are straightened, by 0.3 to 1
@@ -108,7 +110,9 @@ def draw_observation(scene: TrackedScene, rng: np.random.Generator) -> Observati
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     if kind == "lattice":
         edges = _edges()
-        return scene.observe(edges[int(rng.integers(len(edges)))].more)
+        return scene.observe(observed_set(edges[int(rng.integers(len(edges)))].more))
+    if kind == "signals":
+        return scene.observe(observed_set(draw_signal(rng, TRAINING_SIGNALS)))
     if kind == "holes":
         return _with_holes(scene, rng)
     seen = scene.observe(SENSOR_SETS[kind])

@@ -117,11 +117,15 @@ def _jobs(scenes: SampledScenes, rng: np.random.Generator) -> Iterator[_Job]:
 
     usual: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]
     edges = [edge.more for edge in random_edges(_EDGES, rng)]
-    signals = [
+    signals: list[tuple[SensorSet, Body]] = [
         (observed_set(each), BODIES[int(rng.integers(len(BODIES)))])
         for each in (*edges, *(draw_signal(rng, TRAINING_SIGNALS) for _ in range(_SIGNALS)))
     ]
-    for source, pairs, count in (("usual", usual, None), ("signals", signals, _FEW)):
+    kinds: list[tuple[str, list[tuple[SensorSet, Body]], int | None]] = [
+        ("usual", usual, None),
+        ("signals", signals, _FEW),
+    ]
+    for source, pairs, count in kinds:
         for sensors, body in pairs:
             for (truth, in_training), found in scenes.recorded.items():
                 if truth == TRUTH_OF[body]:

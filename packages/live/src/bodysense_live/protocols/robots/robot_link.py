@@ -67,13 +67,14 @@ class RobotLink:
             raise missing_package(error) from None
         self._settings, self._metrics, self._again = settings, metrics, zmq.Again
         self._context = zmq.Context()
-        self._socket: Any = self._context.socket(zmq.PUB)
+        self._socket: Any = self._context.socket(zmq.XPUB)  # reports whether anyone reads
         self._socket.setsockopt(zmq.SNDHWM, 2)  # a slow reader gets the newest frames
         self._socket.setsockopt(zmq.LINGER, 0)
         self._flags = zmq.NOBLOCK
         self._body: Followed | None = None
         self._tracked: float | None = None  # s, when a point was last tracked
         self._frame = 0
+        self._is_read: bool | None = None  # None: nobody has read yet
         try:
             self._socket.bind(f"tcp://{settings.host}:{settings.port}")
         except zmq.ZMQError as error:
@@ -93,6 +94,7 @@ class RobotLink:
 
     def send_body(self, answer: Answer) -> None:
         """Publish a body, unless nothing has been tracked for `STOP_AFTER` seconds."""
+        self._report_readers()
         now, last = answer.moment, self._tracked
         lost = 0.0 if last is None else now - last  # s
         if answer.is_tracked:
@@ -112,6 +114,26 @@ class RobotLink:
             self._socket.send(message, self._flags)
         except self._again:  # a reader that is slower; the next body follows soon
             self._metrics.dropped("output")
+
+    def _report_readers(self) -> None:
+        """Print that a reader has come, or that the last one has gone; bodies are published in any case."""
+        is_read = self._is_read
+        while True:
+            try:
+                is_read = self._socket.recv(self._flags)[:1] == b"\x01"  # a first subscription, or none any more
+            except self._again:
+                break
+        if is_read == self._is_read:
+            return
+        self._is_read = is_read
+        if is_read:
+            print(f"--robot {self._settings.format}: a program reads the bodies at {self.address}", flush=True)
+        else:
+            print(
+                f"--robot {self._settings.format}: no program reads the bodies any more; they go on at {self.address}, "
+                "and are read again when it connects",
+                flush=True,
+            )
 
     def close(self) -> None:
         """Stop publishing."""
