@@ -16,7 +16,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.retarget import transfer_motion
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import Skeleton, chain_to_root, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import (
     normalize,
@@ -47,10 +47,7 @@ class SourceJoints:
 
     def above(self, joint: int) -> list[int]:
         """A joint and those above it, up to the root."""
-        chain = [joint]
-        while self.parents[chain[-1]] >= 0:
-            chain.append(self.parents[chain[-1]])
-        return chain
+        return chain_to_root(self.parents, joint)
 
     @cached_property
     def trunk(self) -> list[int]:
