@@ -52,6 +52,7 @@ TRUST = {
 TRUNK, TRUST_WITHOUT = ("spine1", "spine2", "spine3"), gaps.Trust(0.1, 0.2, 30.0)  # of joints on a missing trunk
 FINGERS_COAST = 1.2  # s in which the speed of fingers at a gap's edge fades; longer than for limbs
 _LEG = LEG[:3]  # joints that bend a leg
+_PART = 2048  # frames of a gap that are predicted at once, a multiple of 64
 SHORT = 0.3  # s; in shorter gaps a leg is not corrected for the floor, because interpolation is more accurate
 
 
@@ -83,7 +84,7 @@ class _SomeJoints:
     """Rotations (T, N, 4) of some joints, copied when frames are taken."""
 
     rotation: Array  # (T, J, 4)
-    joints: list[int]
+    joints: Array
 
     def __len__(self) -> int:
         return len(self.rotation)
@@ -205,7 +206,7 @@ def expected_deviations(motion: PartialMotion) -> Filled:
         if first == 0 or end == frames:
             continue
         is_known = ~np.asarray(holes[max(first - 2, 0) : end + 2].any(axis=0))
-        for part in blocks_of(end - first):
+        for part in _parts(end - first):
             found = deviations(rotation, root, first, end, seconds, part)
             found = coordination().expected(found, is_known, (end - first) * seconds)
             here = slice(first + part.start, first + part.stop)
@@ -213,6 +214,15 @@ def expected_deviations(motion: PartialMotion) -> Filled:
                 back = np.broadcast_to(quaternion_conjugate(rig.turn[BODY[k]]), (len(found), 4))
                 result.setdefault(joint, np.zeros((frames, 3)))[here] = quaternion_rotate(back, found[:, k])
     return result
+
+
+def _parts(frames: int) -> list[slice]:
+    """Return consecutive slices of a gap with a fixed number of frames; the last one has up to twice as many.
+
+    A product of matrices may round the last rows differently, so that slices are never short.
+    """
+    starts = [*range(0, max(frames - _PART, 1), _PART)]
+    return [slice(start, end) for start, end in zip(starts, [*starts[1:], frames], strict=True)]
 
 
 def hold_filled_feet(

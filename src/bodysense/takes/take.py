@@ -293,12 +293,12 @@ def fill_file(
     except BodysenseError:
         check_size(opened)
         raise
-    file, missing, time, person = partial.file, partial.missing, partial.clip.time, Person(partial.clip.pose.skeleton)
+    file, gone, time, person = partial.file, partial.missing, partial.clip.time, Person(partial.clip.pose.skeleton)
     assert file is not None
     # The poses of an hour are as large as its numbers, of which there will be two copies.
     partial = replace(partial, clip=replace(partial.clip, pose=partial.clip.pose[[0]]), trunk={}, file=None)
     del filling
-    return FilledFile(file.with_rotation(filled, missing), partial, person, time, opened.options)
+    return FilledFile(file.with_rotation(filled, gone), partial, person, time, opened.options)
 
 
 class _Filling:
