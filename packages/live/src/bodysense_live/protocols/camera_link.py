@@ -30,7 +30,7 @@ _DARK = 16.0  # of 255, largest brightness of 99 % of the pixels behind a covere
 
 @dataclass(frozen=True)
 class Look:
-    """What one picture of a webcam shows."""
+    """Landmarks of one picture of a webcam, and whether the lens is covered."""
 
     observation: Observation  # `POINTS` of one frame
     is_dark: bool = False  # the lens is covered, or the room is dark
