@@ -110,7 +110,9 @@ def _fill_trunk(
     name: str, rig: SourceJoints, rotation_of: Callable[[int], Array], holes: Array, seconds: float
 ) -> tuple[dict[int, Array], Array]:
     """Interpolate joints that carry the whole body over their gaps; return their rotations and the remaining holes."""
-    filled, holes = {}, holes.copy()
+    filled = {}
+    if holes[:, rig.trunk].any():
+        holes = holes.copy()
     for joint in rig.trunk:
         if holes[:, joint].all():
             raise BodysenseError(
@@ -119,5 +121,5 @@ def _fill_trunk(
             )
         if holes[:, joint].any():
             filled[joint] = gaps.fill(rotation_of(joint), holes[:, joint], seconds)
-        holes[:, joint] = False
+            holes[:, joint] = False
     return filled, holes

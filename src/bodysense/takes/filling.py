@@ -168,7 +168,7 @@ def fill_rotations(motion: PartialMotion, guessed: Filled, *, causal: bool = Fal
                 local = gaps.continue_into_gaps(local, gap, seconds, given, at_frame, coasting)
             else:
                 trust = _trust(rig.ours, joint, missing)
-                local = gaps.fill(local, gap, seconds, given, trust, coasting, turn.get(joint, still))
+                local = gaps.fill(local, gap, seconds, given, trust, coasting, turn.pop(joint, still))
             filled[joint] = local
         if joint in last:
             world[joint] = np.asarray(quaternion_multiply(above, local))

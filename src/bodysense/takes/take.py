@@ -287,8 +287,7 @@ def fill_file(
         if rig is None and partial.clip.lacks:
             return replace(fill_take(partial, completion), source=opened.joint_file, reading=opened.options)
         filling = _Filling(partial, completion)
-        for _ in filling.windows():
-            pass
+        filling.run()
         partial, filled = filling.filled()
     except BodysenseError:
         check_size(opened)
@@ -313,6 +312,11 @@ class _Filling:
         self.limbs = missing_limbs(partial.clip, partial.rig)
         self.guessed = {joint: np.empty((frames, 4)) for joint in holed_joints(partial)}
         self.limb_rotation, self.contact = np.empty((frames, len(self.limbs), 4)), np.empty((frames, 4))
+
+    def run(self) -> None:
+        """Complete the motion; only what its holes need is kept."""
+        for _ in self.windows():
+            pass
 
     def windows(self) -> Iterator[Estimate]:
         """Complete the motion and yield its windows."""

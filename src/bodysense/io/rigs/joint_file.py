@@ -91,7 +91,7 @@ class JointFile(ABC):
         """Return the axes of a joint's position channels, in their order."""
         return ["XYZ".index(channel[0]) for channel in self.channels[joint] if channel.endswith("position")]
 
-    @cached_property
+    @property
     def has_number(self) -> np.ndarray:
         """(T, J) bool: all channels of a joint are numbers."""
         number = np.isfinite(self.values)
