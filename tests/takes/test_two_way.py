@@ -17,6 +17,7 @@ from bodysense.devices.simulated.noise import hide
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.io.formats import bvh
+from bodysense.observing import guard
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import concatenated_frames
 from bodysense.takes import two_way
@@ -213,3 +214,14 @@ def test_a_crossfade_leads_from_one_body_to_the_other(seen: Observation, person:
         assert (np.diff(share[:frames]) < 0).all() and np.abs(share[frames:]).max() < 1e-6
     position = np.asarray(forward_kinematics(faded.pose)[0])
     np.testing.assert_allclose(faded.points[:frames], position[:frames], atol=1e-6)
+
+
+@pytest.mark.parametrize("causal", [False, True])
+def test_worlds_of_takes_are_not_watched(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch, causal: bool) -> None:
+    """The guard's notices are for live input; its looks would take a sixth of the time of a short take."""
+
+    def look(*_: object) -> list[tuple[str, str]]:
+        raise AssertionError("a take was watched")
+
+    monkeypatch.setattr(guard, "_doubts", look)
+    assert len(track(waving_clip, device="three_point", height=1.75, causal=causal).time) == len(waving_clip)

@@ -32,7 +32,7 @@ from bodysense.sources.signals import Signal, check_size, refuse, signal_from
 from bodysense.takes.fitting import fit_hips
 from bodysense.takes.marker_body import fit_markers
 from bodysense.takes.thinning import at_all_frames, kept_frames
-from bodysense.takes.two_way import Frames, concatenate_estimates, windows_both_ways
+from bodysense.takes.two_way import Frames, concatenate_estimates, start_of_take, windows_both_ways
 from bodysense.takes.worn_markers import SeenMarkers
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import CompletionModel
@@ -467,7 +467,7 @@ def _completed_windows(
         windows, inferred = windows_both_ways(body, person, network, settings, interval, completion.advance)
         return windows, lambda: inferred
     tracker = Tracker(person, network=completion.network, settings=completion.settings)
-    state = tracker.start()
+    state = start_of_take(tracker)
 
     def parts() -> Iterator[Estimate]:
         nonlocal state

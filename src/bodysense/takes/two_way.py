@@ -19,6 +19,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.geometry.rotation import mean_rotation, quaternion_exp, quaternion_multiply
 from bodysense.geometry.series import fade_out
+from bodysense.observing.guard import LOOKED
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import observed_points
 from bodysense.takes.bridging import LONGEST, bridge_gaps
@@ -104,7 +105,7 @@ class TwoWayTracker:
     ) -> Iterator[Estimate]:
         """Yield estimates of a span of frames without a gap in time, a window at a time."""
         frames, size, beside = len(span), round(WINDOW / seconds), round(BESIDE / seconds)
-        half, state, forward, before = round(FADE / seconds / 2), self.tracker.start(), None, None
+        half, state, forward, before = round(FADE / seconds / 2), start_of_take(self.tracker), None, None
         for begin in range(0, frames, size):
             end = begin + size if begin + size + beside < frames else frames
             first, last = max(begin - beside, 0), min(end + beside, frames)
@@ -139,7 +140,7 @@ class TwoWayTracker:
 
     def backward(self, observation: Observation) -> Estimate:
         """Return the backward pass, in the order of the frames."""
-        estimate, _ = self.backward_tracker.step(reverse_time(observation), self.backward_tracker.start())
+        estimate, _ = self.backward_tracker.step(reverse_time(observation), start_of_take(self.backward_tracker))
         return estimate_frames(estimate, slice(None, None, -1))
 
     def turned(self, observation: Observation) -> Array:
@@ -270,6 +271,12 @@ def windows_both_ways(
     return tracker.windows(observation, seconds, lambda more: advance_by(2 * more)), person
 
 
+def start_of_take(tracker: Tracker) -> TrackerState:
+    """Return the state before the first frame, which looks for no wrong world: a take has no notices of an estimate."""
+    state = tracker.start()
+    return replace(state, guards=(LOOKED,) * len(state.guards))
+
+
 def infer_person(
     observation: Frames,
     person: Person,
@@ -279,7 +286,7 @@ def infer_person(
 ) -> Person:
     """Infer unknown properties of a person in one pass over all frames, or over parts of a long take."""
     tracker = Tracker(person, network, settings)
-    state, starts = tracker.start(), range(0, len(observation), _FRAMES)
+    state, starts = start_of_take(tracker), range(0, len(observation), _FRAMES)
     for k in sorted({round(place) for place in np.linspace(0, len(starts) - 1, _PARTS).tolist()}):
         first = starts[k]
         part = observation[first : first + _FRAMES]
