@@ -145,8 +145,8 @@ def test_a_covered_lens_is_reported_and_the_person_is_followed_on(
         ("the picture is black: uncover the lens, or switch a light on", Look(nobody(), is_dark=True)),
         ("nobody is seen", Look(nobody())),
         (
-            "2 people are seen, one of them is followed; if it is the wrong one, let the others leave the picture for a "
-            "moment",
+            "2 people are seen, one of them is followed; if it is the wrong one, let the others leave the picture for "
+            "a moment",
             Look(before_the_camera(CURL), people=2),
         ),
         ("a person is seen", Look(before_the_camera(CURL))),

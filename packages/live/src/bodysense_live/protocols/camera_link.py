@@ -147,8 +147,8 @@ class CameraLink:
         self._report(
             "a person is seen"
             if look.people < 2
-            else f"{look.people} people are seen, one of them is followed; if it is the wrong one, let the others leave "
-            "the picture for a moment"
+            else f"{look.people} people are seen, one of them is followed; if it is the wrong one, let the others "
+            "leave the picture for a moment"
         )
         self._seen_at = now
         self._sequence = (self._sequence + 1) % 2**32
