@@ -103,7 +103,8 @@ class BvhFile(JointFile):
 
     def with_values(self, values: np.ndarray, changed: np.ndarray) -> BvhFile:
         """Return the file with numbers (T, C) that differ where `changed` (T, C); the text of all others stays."""
-        self.check_finite(values[changed])
+        for column in np.flatnonzero(changed.any(axis=0)).tolist():
+            self.check_finite(values[changed[:, column], column])
         every = changed if self.changed is None else self.changed | changed
         return replace(self, values=values, changed=every)
 
