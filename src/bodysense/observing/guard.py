@@ -318,7 +318,7 @@ def _floor(points: PlacedPoints, floor: float) -> list[tuple[str, str]]:
     head = points.place("head")
     low = int(np.argmin(heights))
     upright = any(direction[1] > _ALONG for direction in _directions(points))
-    right = f"TrackerSettings(floor={_floor_of(points):.1f})"
+    right = f"floor={_floor_of(points):.1f}"
     for name in _TRUNK:
         place = points.place(name)
         if place is None or place[1] - floor < _TALL - _EYES + _standing(name):

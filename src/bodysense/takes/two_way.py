@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -42,6 +42,24 @@ _PARTS = 60
 _ARRAYS = ("points", "measured", "confidence", "bound", "contact", "rest_offset")
 
 
+class Frames(Protocol):
+    """A recording (T, P) whose frames are taken a window at a time: an Observation, or what makes it of a motion."""
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points."""
+        ...
+
+    @property
+    def time(self) -> Array:
+        """(T,) s."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, frames: slice, /) -> Observation: ...
+
+
 @dataclass(frozen=True, eq=False)
 class TwoWayTracker:
     """Completes whole recordings of one person with fixed proportions.
@@ -70,21 +88,30 @@ class TwoWayTracker:
         self, observation: Observation, seconds: float, advance: Callable[[int], None] = lambda frames: None
     ) -> Estimate:
         """Complete a recording (T, P) with frames `seconds` apart; `advance` gets the number of newly done frames."""
-        ends = np.flatnonzero(np.diff(observation.time) > self.settings.longest_gap) + 1
-        spans = zip([0, *ends.tolist()], [*ends.tolist(), len(observation)], strict=True)
-        parts = (part for a, b in spans for part in self._windows(observation[a:b], seconds, advance))
+        parts = self.windows(observation, seconds, advance)
         return concatenate_estimates(parts, len(observation), self.person.skeleton.rest_offset)
 
-    def _windows(self, observation: Observation, seconds: float, advance: Callable[[int], None]) -> Iterator[Estimate]:
-        """Yield estimates of consecutive frames of a recording without gaps, a window at a time."""
-        frames, size, beside = len(observation), round(WINDOW / seconds), round(BESIDE / seconds)
+    def windows(
+        self, observation: Frames, seconds: float, advance: Callable[[int], None] = lambda frames: None
+    ) -> Iterator[Estimate]:
+        """Yield the estimates of `complete`, of consecutive frames, a window at a time."""
+        ends = np.flatnonzero(np.diff(observation.time) > self.settings.longest_gap) + 1
+        for begin, end in zip([0, *ends.tolist()], [*ends.tolist(), len(observation)], strict=True):
+            yield from self._windows(observation, range(begin, end), seconds, advance)
+
+    def _windows(
+        self, observation: Frames, span: range, seconds: float, advance: Callable[[int], None]
+    ) -> Iterator[Estimate]:
+        """Yield estimates of a span of frames without a gap in time, a window at a time."""
+        frames, size, beside = len(span), round(WINDOW / seconds), round(BESIDE / seconds)
         half, state, forward, before = round(FADE / seconds / 2), self.tracker.start(), None, None
         for begin in range(0, frames, size):
             end = begin + size if begin + size + beside < frames else frames
             first, last = max(begin - beside, 0), min(end + beside, frames)
             margin = round(LONGEST / seconds) + 2  # frames around a window that bridging needs
             start = max(first - margin, 0)
-            seen = bridge_gaps(observation[start : last + margin], seconds)[first - start : last - start]
+            near = observation[span.start + start : span.start + min(last + margin, frames)]
+            seen = bridge_gaps(near, seconds)[first - start : last - start]
             forward, state = self._forward(seen, forward, state)
             joined = self.joined(forward, self.backward(seen), self.turned(seen), seconds)
             lead = 0 if begin == 0 else half
@@ -92,7 +119,7 @@ class TwoWayTracker:
             if before is not None:
                 part = crossfade(before, part, 2 * lead)
             stop = len(part.contact) - (2 * half if end < frames else 0)
-            tracked = observation[begin - lead : begin - lead + stop]
+            tracked = near[begin - lead - start : begin - lead - start + stop]
             yield replace(
                 estimate_frames(part, slice(stop)), measured=observed_points(tracked, self.person.skeleton)[2]
             )
@@ -187,7 +214,7 @@ class TwoWayTracker:
 
 
 def complete_both_ways(
-    observation: Observation,
+    observation: Frames,
     person: Person,
     network: CompletionModel | None,
     settings: TrackerSettings,
@@ -197,6 +224,26 @@ def complete_both_ways(
     joining: JoiningNetwork | None = None,
 ) -> tuple[Estimate, Person]:
     """Complete a recording (T, P) with past and future; return the estimate and the person as inferred at its end.
+
+    Arguments as for `windows_both_ways`.
+    """
+    parts, person = windows_both_ways(
+        observation, person, network, settings, seconds, advance, backward_network, joining
+    )
+    return concatenate_estimates(parts, len(observation), person.skeleton.rest_offset), person
+
+
+def windows_both_ways(
+    observation: Frames,
+    person: Person,
+    network: CompletionModel | None,
+    settings: TrackerSettings,
+    seconds: float,
+    advance: Callable[[int, int], None] = lambda done, frames: None,
+    backward_network: CompletionModel | None = None,
+    joining: JoiningNetwork | None = None,
+) -> tuple[Iterator[Estimate], Person]:
+    """Yield the completed windows of a recording (T, P); return them and the person as inferred at its end.
 
     Args:
         observation: points of the body, without gloves.
@@ -220,11 +267,11 @@ def complete_both_ways(
     if infers:
         person = infer_person(observation, person, network, settings, advance_by)
     tracker = TwoWayTracker(person, network, settings, backward_network, joining)
-    return tracker.complete(observation, seconds, lambda more: advance_by(2 * more)), person
+    return tracker.windows(observation, seconds, lambda more: advance_by(2 * more)), person
 
 
 def infer_person(
-    observation: Observation,
+    observation: Frames,
     person: Person,
     network: CompletionModel | None,
     settings: TrackerSettings,
