@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +26,9 @@ from bodysense.io.motion_files import write_motion
 from bodysense.io.rigs import figure
 from bodysense.sources.open import MotionSource, open_source
 from bodysense.sources.partial_motion import open_partial
+from bodysense.takes import take as takes
 from bodysense.takes.filling import (
+    KnownPoints,
     expected_deviations,
     fill_motion,
     fill_rotations,
@@ -36,7 +40,7 @@ from bodysense.takes.filling import (
 )
 from bodysense.takes.take import Completion, FilledFile, fill_file, track
 from bodysense.takes.two_way import WINDOW, TwoWayTracker
-from bodysense.tracking.estimate import CONTACT_POINTS
+from bodysense.tracking.estimate import CONTACT_POINTS, Estimate
 from bodysense.tracking.tracker import TrackerSettings
 
 
@@ -350,3 +354,48 @@ def test_a_file_is_filled_by_windows_and_blocks_as_in_one_piece(
     with pytest.raises(BodysenseError, match="changed since it was read; run the same command again"):
         done.save(tmp_path / "late.bvh")
     assert not (tmp_path / "late.bvh").exists()
+
+
+@pytest.mark.slow
+def test_memory_of_filling_grows_little_with_the_length_of_a_file(
+    steps: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An hour at 30 Hz of a body with fingers needs 450 MB for the holes of an arm, besides what any file needs."""
+
+    def windows(
+        known: KnownPoints, person: Person, completion: Completion, interval: float
+    ) -> tuple[Iterator[Estimate], object]:
+        """Stand in for the tracker, whose memory does not grow with the file."""
+        tracemalloc.reset_peak()  # reading takes as much of any long file
+        starts = range(0, len(known), 500)
+        return (standing_estimate(known.motion.clip.pose[np.arange(k, min(k + 500, len(known)))]) for k in starts), None
+
+    monkeypatch.setattr(takes, "_completed_windows", windows)
+    monkeypatch.setattr(bvh_text, "_LARGE_TEXT", 0)
+    completion = Completion(TrackerSettings(), None, False, lambda done, frames: None)
+    peaks = []
+    for frames in (9000, 12_000):
+        path, place = tmp_path / f"{frames}.bvh", np.arange(frames) % len(steps)
+        write_bvh(path, replace(steps, pose=steps.pose[place]))
+        tracemalloc.start()
+        done = fill_file(MotionSource(str(path), path), f"left_elbow+:300-{frames - 500}", None, completion)
+        done.save(tmp_path / "out.bvh")
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+        del done
+    assert (peaks[1] - peaks[0]) / 3000 * 30 * 3600 < 450e6
+
+
+def standing_estimate(pose: Pose) -> Estimate:
+    """Return an estimate that is certain of a pose whose feet rest."""
+    points = np.asarray(forward_kinematics(pose)[0])
+    count = points.shape[:2]
+    return Estimate(
+        pose=pose,
+        points=points,
+        measured=np.zeros(count, dtype=bool),
+        confidence=np.zeros(count),
+        bound=np.zeros(count),
+        contact=np.ones((len(points), len(CONTACT_POINTS))),
+        rest_offset=np.broadcast_to(pose.skeleton.rest_offset, points.shape),
+    )

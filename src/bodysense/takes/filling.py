@@ -52,6 +52,7 @@ TRUST = {
 TRUNK, TRUST_WITHOUT = ("spine1", "spine2", "spine3"), gaps.Trust(0.1, 0.2, 30.0)  # of joints on a missing trunk
 FINGERS_COAST = 1.2  # s in which the speed of fingers at a gap's edge fades; longer than for limbs
 _LEG = LEG[:3]  # joints that bend a leg
+_PART = 2048  # frames of a gap that are predicted at once, a multiple of 64
 SHORT = 0.3  # s; in shorter gaps a leg is not corrected for the floor, because interpolation is more accurate
 
 
@@ -76,6 +77,20 @@ class KnownPoints:
     def time(self) -> Array:
         """(T,) s."""
         return self.motion.clip.time
+
+
+@dataclass(frozen=True, eq=False)
+class _SomeJoints:
+    """Rotations (T, N, 4) of some joints, copied when frames are taken."""
+
+    rotation: Array  # (T, J, 4)
+    joints: Array
+
+    def __len__(self) -> int:
+        return len(self.rotation)
+
+    def __getitem__(self, frames: int | slice) -> Array:
+        return self.rotation[frames][..., self.joints, :]
 
 
 def known_points(motion: PartialMotion, frames: slice = slice(None)) -> Observation:
@@ -121,28 +136,30 @@ def holed_joints(motion: PartialMotion) -> list[int]:
     return np.flatnonzero(motion.missing.any(axis=0)).tolist()
 
 
-def guessed_rotations(motion: PartialMotion, pose: Pose) -> Array:
-    """Return world rotations (T, N, 4) of `holed_joints` in a completed body (T,); NaN for those that ours lacks."""
-    return motion.rig.world(pose, holed_joints(motion))
+def guessed_rotations(motion: PartialMotion, pose: Pose) -> Filled:
+    """Return world rotations (T, 4) of `holed_joints` in a completed body (T,); NaN for those that ours lacks."""
+    joints = holed_joints(motion)
+    return dict(zip(joints, np.moveaxis(motion.rig.world(pose, joints), 1, 0), strict=True))
 
 
-def fill_rotations(motion: PartialMotion, guessed: Array, *, causal: bool = False) -> Filled:
+def fill_rotations(motion: PartialMotion, guessed: Filled, *, causal: bool = False) -> Filled:
     """Return local rotations (T, 4) of the joints with holes: unchanged if known, else filled.
 
-    `guessed` (T, N, 4) are the world rotations of `guessed_rotations`. Joints that our skeleton lacks are interpolated
-    over the gap, or, if `causal`, continued into it.
+    `guessed` are their world rotations in a completed body. A joint is taken out of it when it is filled, because the
+    rotations of an hour are large. Joints that our skeleton lacks are interpolated over the gap, or, if `causal`,
+    continued into it.
     """
     rig, missing, seconds = motion.rig, motion.missing, 1 / motion.clip.frame_rate
     turn, still = {} if causal else expected_deviations(motion), np.zeros((len(missing), 3))
-    holed, every = holed_joints(motion), slice(None)
-    places = {joint: place for place, joint in enumerate(holed)}
+    needed, every = sorted({joint for gone in holed_joints(motion) for joint in rig.above(gone)}), slice(None)
+    last = {rig.parents[joint]: joint for joint in needed}  # child of each joint that is filled last
     filled: Filled = {}
     world: Filled = {}
-    for joint in sorted({joint for gone in holed for joint in rig.above(gone)}):
+    for joint in needed:
         parent, local = rig.parents[joint], motion.rotation_in(every, [joint])[:, 0]
         above = world[parent] if parent >= 0 else np.broadcast_to([1.0, 0.0, 0.0, 0.0], local.shape)
-        if joint in places:
-            guess = np.asarray(quaternion_multiply(quaternion_conjugate(above), guessed[:, places[joint]]))
+        if joint in guessed:
+            guess = np.asarray(quaternion_multiply(quaternion_conjugate(above), guessed.pop(joint)))
             given = guess if np.isfinite(guess).all() else None
             coasting = FINGERS_COAST if is_finger(_our_name(rig.ours, joint)) else gaps.COASTING
             gap = missing[:, joint]
@@ -153,7 +170,10 @@ def fill_rotations(motion: PartialMotion, guessed: Array, *, causal: bool = Fals
                 trust = _trust(rig.ours, joint, missing)
                 local = gaps.fill(local, gap, seconds, given, trust, coasting, turn.get(joint, still))
             filled[joint] = local
-        world[joint] = np.asarray(quaternion_multiply(above, local))
+        if joint in last:
+            world[joint] = np.asarray(quaternion_multiply(above, local))
+        if last[parent] == joint:
+            world.pop(parent, None)
     return filled
 
 
@@ -177,7 +197,7 @@ def expected_deviations(motion: PartialMotion) -> Filled:
     for k, joint in places:
         holes[:, k] = motion.holes[:, joint]
     holes[:, ROOT] = holes[:, BODY.index("pelvis")]
-    body = pose.skeleton.indices(BODY)
+    rotation, root = _SomeJoints(np.asarray(pose.rotation), pose.skeleton.indices(BODY)), np.asarray(pose.root_position)
     gone: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for k, joint in places:
         for span in gaps.runs(motion.missing[:, joint]):
@@ -185,15 +205,24 @@ def expected_deviations(motion: PartialMotion) -> Filled:
     for (first, end), those in gone.items():
         if first == 0 or end == frames:
             continue
-        near = slice(max(first - 2, 0), end + 2)
-        is_known = ~np.asarray(holes[near].any(axis=0))
-        rotation, root = np.asarray(pose.rotation[near][:, body]), np.asarray(pose.root_position[near])
-        found = deviations(rotation, root, first - near.start, end - near.start, seconds)
-        found = coordination().expected(found, is_known, (end - first) * seconds)
-        for k, joint in those:
-            back = np.broadcast_to(quaternion_conjugate(rig.turn[BODY[k]]), (end - first, 4))
-            result.setdefault(joint, np.zeros((frames, 3)))[first:end] = quaternion_rotate(back, found[:, k])
+        is_known = ~np.asarray(holes[max(first - 2, 0) : end + 2].any(axis=0))
+        for part in _parts(end - first):
+            found = deviations(rotation, root, first, end, seconds, part)
+            found = coordination().expected(found, is_known, (end - first) * seconds)
+            here = slice(first + part.start, first + part.stop)
+            for k, joint in those:
+                back = np.broadcast_to(quaternion_conjugate(rig.turn[BODY[k]]), (len(found), 4))
+                result.setdefault(joint, np.zeros((frames, 3)))[here] = quaternion_rotate(back, found[:, k])
     return result
+
+
+def _parts(frames: int) -> list[slice]:
+    """Return consecutive slices of a gap with a fixed number of frames; the last one has up to twice as many.
+
+    A product of matrices may round the last rows differently, so that slices are never short.
+    """
+    starts = [*range(0, max(frames - _PART, 1), _PART)]
+    return [slice(start, end) for start, end in zip(starts, [*starts[1:], frames], strict=True)]
 
 
 def hold_filled_feet(
@@ -230,7 +259,8 @@ def hold_filled_feet(
         chances = contact[:, [CONTACT_POINTS.index(name) for name in resting[side]]]
         shift[side] = stop_sliding(feet[side], chances, lost & (not causal), seconds)
         shift[side][:, 1] = np.where(lost, np.maximum(0.0, lowest - clearance[side]), 0.0)
-    held = {joint: np.array(turns) for joint, turns in filled.items()}
+    legs = [rig.ours[f"{side}_{part}"] for side in gone for part in _LEG]
+    held = filled | {joint: np.array(filled[joint]) for joint in legs}
     for block in blocks_of(len(contact)):
         bent = np.zeros((len(contact[block]), len(rig.joints)), dtype=bool)
         for side, moved in shift.items():

@@ -101,7 +101,7 @@ class Take:
         check_rig(path, rig, self.source)
         if rig == SOURCE and self.file is not None:
             assert self.partial is not None
-            FilledFile(self.file, self.partial, self.person, self.reading).save(path)
+            FilledFile(self.file, self.partial, self.person, self.time, self.reading).save(path)
         elif rig == SOURCE and self.source is not None:
             write_on_rig_of(path, self.clip, self.source, self.reading)
         else:
@@ -129,20 +129,16 @@ class FilledFile:
     """A BVH or FBX file with filled holes, without the estimate behind it: that of an hour is 4 GB."""
 
     file: JointFile
-    partial: PartialMotion  # the motion whose holes were filled
+    partial: PartialMotion  # the motion whose holes were filled, with the pose of its first frame alone
     person: Person
+    time: np.ndarray  # (T,) s of the frames
     reading: ReadingOptions = AS_FOUND
     markers: None = None
 
     @property
     def clip(self) -> Clip:
-        """The motion with its holes, on our joints."""
+        """The first frame of the motion, on our joints."""
         return self.partial.clip
-
-    @property
-    def time(self) -> np.ndarray:
-        """(T,) s of the frames."""
-        return self.partial.clip.time
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -293,9 +289,12 @@ def fill_file(
     except BodysenseError:
         check_size(opened)
         raise
-    assert partial.file is not None
-    file = partial.file.with_rotation(filled, partial.missing)
-    return FilledFile(file, partial, Person(partial.clip.pose.skeleton), opened.options)
+    file, gone, time, person = partial.file, partial.missing, partial.clip.time, Person(partial.clip.pose.skeleton)
+    assert file is not None
+    # The poses of an hour are as large as its numbers, of which there will be two copies.
+    partial = replace(partial, clip=replace(partial.clip, pose=partial.clip.pose[[0]]), trunk={}, file=None)
+    del filling
+    return FilledFile(file.with_rotation(filled, gone), partial, person, time, opened.options)
 
 
 class _Filling:
@@ -308,7 +307,7 @@ class _Filling:
             check_causal(partial)
         frames, self.partial, self.completion = len(partial.clip), partial, completion
         self.limbs = missing_limbs(partial.clip, partial.rig)
-        self.guessed = np.empty((frames, len(holed_joints(partial)), 4))
+        self.guessed = {joint: np.empty((frames, 4)) for joint in holed_joints(partial)}
         self.limb_rotation, self.contact = np.empty((frames, len(self.limbs), 4)), np.empty((frames, 4))
 
     def windows(self) -> Iterator[Estimate]:
@@ -321,7 +320,8 @@ class _Filling:
         parts, _ = _completed_windows(known, Person(self.partial.clip.pose.skeleton), self.completion, interval)
         for part in parts:
             frames = slice(done, done + len(part.contact))
-            self.guessed[frames] = guessed_rotations(self.partial, part.pose)
+            for joint, turns in guessed_rotations(self.partial, part.pose).items():
+                self.guessed[joint][frames] = turns
             self.limb_rotation[frames] = part.pose.rotation[:, self.limbs]
             self.contact[frames], done = part.contact, frames.stop
             yield part
