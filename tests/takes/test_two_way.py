@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import threading
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,6 +129,25 @@ def test_a_recording_with_a_pause_is_split(seen: Observation, person: Person) ->
     first, second = (complete(person, seen[part]) for part in (slice(0, 45), slice(45, None)))
     np.testing.assert_allclose(paused.points[:45], first.points, atol=1e-6)
     np.testing.assert_allclose(paused.points[45:], second.points, atol=1e-6)
+
+
+def test_both_passes_run_at_the_same_time(seen: Observation, person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each waits for the other in the middle of its work; the estimate is that of passes one after the other."""
+    alone, step, both = complete(person, seen), Tracker.step, threading.Barrier(2, timeout=60)
+
+    def waiting(tracker: Tracker, *given: Any) -> Any:
+        both.wait()
+        return step(tracker, *given)
+
+    monkeypatch.setattr(Tracker, "step", waiting)
+    together = complete(person, seen)
+    tracker = TwoWayTracker(person, None, TrackerSettings())
+    monkeypatch.undo()
+    forward, _ = tracker.tracker.step(seen, tracker.tracker.start())
+    joined = tracker.joined(forward, tracker.backward(seen), tracker.turned(seen), SECONDS)
+    for name in ("points", "confidence", "bound", "contact"):
+        np.testing.assert_array_equal(getattr(together, name), getattr(alone, name))
+        np.testing.assert_array_equal(getattr(together, name), getattr(joined, name))
 
 
 def test_each_direction_has_a_network(seen: Observation, person: Person) -> None:

@@ -1,13 +1,14 @@
 """Completion with past and future: a recording is tracked forward and backward in time, and both passes are joined.
 
 one pass infers the person → short gaps are bridged
-→ windows: forward pass, continued from the window before | backward pass, from some seconds later
+→ windows: forward pass, continued from the window before | at the same time, backward pass, from some seconds later
 → joined → limbs fitted to measured points → feet on the floor → crossfade between windows
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Protocol
@@ -112,8 +113,10 @@ class TwoWayTracker:
             start = max(first - margin, 0)
             near = observation[span.start + start : span.start + min(last + margin, frames)]
             seen = bridge_gaps(near, seconds)[first - start : last - start]
-            forward, state = self._forward(seen, forward, state)
-            joined = self.joined(forward, self.backward(seen), self.turned(seen), seconds)
+            with ThreadPoolExecutor(1) as beside_forward:  # the core releases the GIL
+                backward = beside_forward.submit(self.backward, seen)
+                forward, state = self._forward(seen, forward, state)
+            joined = self.joined(forward, backward.result(), self.turned(seen), seconds)
             lead = 0 if begin == 0 else half
             part = estimate_frames(joined, slice(begin - lead - first, min(end + half, frames) - first))
             if before is not None:
