@@ -69,6 +69,7 @@ def do_many(
     """
     from rich.progress import track
 
+    from bodysense.io.motion_files import ENDINGS
     from bodysense.takes.many import do_all, files_of, tasks_of
 
     command = work.func.__name__.strip("_").partition("_")[0]
@@ -77,7 +78,7 @@ def do_many(
             hint = f"see bodysense {command} --help, or give a file or folder that exists"
             raise BodysenseError(f"{source}: unknown argument; {hint}")
     files, others = files_of(sources, endings)
-    if folder.suffix.lower() in (*endings, ".bvh", ".fbx", ".glb", ".vrma", ".mcap"):
+    if folder.suffix.lower() in (*endings, *ENDINGS):
         raise BodysenseError(
             f"-o {folder}: {len(files)} files are written to a folder; give its name, and --ending {folder.suffix} for "
             "the kind of file"

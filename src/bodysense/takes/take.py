@@ -15,8 +15,7 @@ import numpy as np
 
 from bodysense.body.hands.hand import glove_hands
 from bodysense.body.person import Person
-from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.skeleton import ARM
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_to_matrix
@@ -29,11 +28,9 @@ from bodysense.observing.observation import Observation, check_world
 from bodysense.observing.points import concatenated_frames, observed_points
 from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.sources.signals import Signal, check_size, refuse, signal_from
-from bodysense.takes.fitting import fit_hips
-from bodysense.takes.marker_body import fit_markers
+from bodysense.takes.marker_body import fit_to_markers, is_fitted
 from bodysense.takes.thinning import at_all_frames, kept_frames
 from bodysense.takes.two_way import Frames, concatenate_estimates, start_of_take, windows_both_ways
-from bodysense.takes.worn_markers import SeenMarkers
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import CompletionModel
 from bodysense.tracking.tracker import Tracker, TrackerSettings
@@ -46,7 +43,6 @@ if TYPE_CHECKING:
 ANCHORS = ("head", "pelvis")  # points that keep their measured position if proportions change, in order of preference
 _FRAMES = 60  # frames in one call, between two reports of progress
 _BLOCK = 1000  # frames that are computed at once
-_FADED = 1.0  # s; a frame's markers change the fit of no frame that is farther away
 _USUAL_RATE = 30.0  # Hz, assumed for a single frame
 
 
@@ -351,7 +347,7 @@ def _track_signal(signal: Signal, completion: Completion, markers: MarkerSource 
     _check_height(observation, settings.floor)
     if not signal.infer:
         completion = replace(completion, settings=replace(settings, infer=False))
-    if markers is not None and not completion.causal and _is_fitted(observation, markers):
+    if markers is not None and not completion.causal and is_fitted(observation, markers):
         kept = kept_frames(observation.time, interval, settings.longest_gap)
         tracked = observation[kept]
         estimate, believed = _complete(tracked, signal.person, completion, _interval(tracked, settings))
@@ -360,7 +356,7 @@ def _track_signal(signal: Signal, completion: Completion, markers: MarkerSource 
         estimate, believed = _complete(observation, signal.person, completion, interval)
     pose = pose_on(estimate, believed)
     if markers is not None and not completion.causal:
-        fitted = _fit_to_markers(pose, observation, markers, interval, is_known=signal.person.is_known)
+        fitted = fit_to_markers(pose, observation, markers, interval, is_known=signal.person.is_known)
         if fitted is not pose:
             pose, estimate = fitted, _with_pose(estimate, fitted, observation)
             believed = believed if fitted.skeleton is believed.skeleton else believed.with_skeleton(fitted.skeleton)
@@ -379,52 +375,6 @@ def _height_warnings(known: Person, believed: Person) -> tuple[str, ...]:
         f"the head is higher than a height of {known.height.value:.2f} m allows: the height is inferred instead, "
         f"{believed.stature:.2f} m; give another height or none",
     )
-
-
-def _fit_to_markers(
-    pose: Pose, observation: Observation, markers: MarkerSource, interval: float, *, is_known: bool
-) -> Pose:
-    """Fit the pose of a body of markers to its hips, unless the head is more certain, and let unknown arms hang.
-
-    The tracker keeps the head at its measured position. If that is a guess, pelvis and legs would be lifted. It was
-    not trained on markers of legs alone, for which it would raise the arms. Then the pose, and the bones unless they
-    are known, are fitted to markers on the skin.
-    """
-    points, _, measured, turned = observed_points(observation, pose.skeleton)
-    if _hips_are_surest(observation):
-        beside = round(_FADED / interval)
-        root, rotation = np.zeros_like(pose.root_position), np.zeros_like(pose.rotation)
-        for first in range(0, len(root), _BLOCK):
-            start, end = max(first - beside, 0), min(first + _BLOCK, len(root))
-            near = slice(start, end + beside)
-            fitted = fit_hips(pose[near], points[near], measured[near], turned[near], interval)[first - start :]
-            root[first:end], rotation[first:end] = fitted.root_position[: end - first], fitted.rotation[: end - first]
-        pose = Pose(pose.skeleton, root, rotation)
-    if markers.found is not None and markers.found.arms_hang:
-        rotation, skeleton = np.array(pose.rotation), pose.skeleton
-        arms = skeleton.indices([f"{side}_{part}" for side in ("left", "right") for part in ARM])
-        rotation[:, arms] = standing_pose(skeleton).rotation[arms]
-        pose = replace(pose, rotation=rotation)
-    if markers.found is None or markers.found.layout is None or not markers.found.layout.is_on_skin:
-        return pose
-    raw, columns = markers.found.raw, list(markers.found.layout.columns.values())
-    accuracy = np.median(observation.accuracy, axis=0)
-    seen = SeenMarkers(
-        markers.found.world.to_ours(raw.position[:, columns]), observation.points, observation.position, accuracy
-    )
-    return fit_markers(pose, seen, interval, is_known=is_known)
-
-
-def _hips_are_surest(observation: Observation) -> bool:
-    """Whether the hips of markers are at least as certain as the head."""
-    error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
-    return {"head", "left_hip", "right_hip"} <= set(error) and bool(error["head"] >= error["left_hip"])
-
-
-def _is_fitted(observation: Observation, markers: MarkerSource) -> bool:
-    """Whether the body is fitted to markers on the skin in every frame, hips first (`_fit_to_markers`)."""
-    layout = None if markers.found is None else markers.found.layout
-    return layout is not None and layout.is_on_skin and _hips_are_surest(observation)
 
 
 def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Estimate:
