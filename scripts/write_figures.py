@@ -15,7 +15,6 @@ from pathlib import Path
 from figures.described import write_descriptions
 from figures.rows import write_rows
 from figures.tables import ROOT, read_commands, read_measured, read_templates, write_blocks
-from PIL import Image
 
 
 def main(folder: Path) -> None:
@@ -30,8 +29,6 @@ def main(folder: Path) -> None:
     write_rows(rows)
     if (drawn := folder / "demo" / "demo.webp").is_file():
         shutil.copyfile(drawn, ROOT / "docs" / "figures" / "demo.webp")
-    if (drawn := folder / "pahmt-table1.png").is_file():
-        Image.open(drawn).convert("RGB").quantize(64).save(ROOT / "docs" / "figures" / "arms.png", optimize=True)
 
 
 if __name__ == "__main__":

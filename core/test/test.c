@@ -13,6 +13,7 @@
 #include <string.h>
 
 #include "../src/base/kinematics.h"
+#include "../src/base/targets.h"
 #include "golden.h"
 #include "random_model.h"
 #include "tuned.h"
@@ -462,6 +463,66 @@ static void functions_are_exact(void) {
     }
 }
 
+/* A random body whose joints are turned by as much as `spread` (rad). */
+static void turn_joints(source_of_numbers *from, double spread, int32_t joints, double *local) {
+    for (int32_t j = 0; j < joints; j++) {
+        const double half[3] = {between(from, -spread, spread) / 2, between(from, -spread, spread) / 2,
+                                between(from, -spread, spread) / 2};
+        double *q = local + 4 * j;
+        const double size = sqrt(1 + half[0] * half[0] + half[1] * half[1] + half[2] * half[2]);
+        for (int k = 0; k < 4; k++) q[k] = (k ? half[k - 1] : 1) / size;
+    }
+}
+
+/* Any tree reaches the points of another of its poses, by as many doubles of memory as it asks for. */
+static void targets_are_reached(void) {
+    enum { MOST_JOINTS = 20, MOST_POINTS = 30 };
+    source_of_numbers from = {17};
+    for (int draw = 0; draw < DRAWS; draw++) {
+        const int32_t joints = 1 + (int32_t)between(&from, 0, MOST_JOINTS - 1);
+        const int32_t points = joints + (int32_t)between(&from, 0, MOST_POINTS - MOST_JOINTS);
+        int32_t parent[MOST_POINTS] = {-1};
+        double offset[MOST_POINTS][3], lever[MOST_JOINTS], stiffness[MOST_JOINTS][3] = {{0}}, relaxed[MOST_JOINTS][3];
+        for (int32_t p = 0; p < points; p++) {
+            if (p) parent[p] = (int32_t)between(&from, 0, p < joints ? p : joints);
+            for (int k = 0; k < 3; k++) offset[p][k] = between(&from, -0.3, 0.3);
+        }
+        for (int32_t j = 0; j < joints; j++) {
+            lever[j] = 0.3;
+            for (int k = 0; k < 3; k++) stiffness[j][k] = j ? 1e-5 : 0, relaxed[j][k] = 0;
+        }
+        const bs_posable body = {{joints, points, parent, offset[0]}, lever, stiffness[0], relaxed[0]};
+        const bs_descent descent = {1e-12, 1e-7, 1e-3, 1e6, 100}, none = {1e-12, 1e-7, 1e-3, 1e6, 0};
+        double root[3] = {1, 2, 3}, local[MOST_JOINTS][4], world[MOST_JOINTS][4], position[MOST_POINTS][3];
+        double target[MOST_POINTS][3], weight[MOST_POINTS], tension[MOST_POINTS], found[MOST_POINTS][3];
+        for (int32_t p = 0; p < points; p++) weight[p] = between(&from, 0.5, 2);
+        turn_joints(&from, 0.5, joints, local[0]);
+        bs_place_frames(&body.tree, 1, root, local[0], target[0], world[0]);
+        turn_joints(&from, 0.1, joints, local[0]);
+        bs_place_frames(&body.tree, 1, root, local[0], position[0], world[0]);
+        double *memory = malloc(bs_reach_memory(&body.tree) * sizeof *memory);
+        if (!memory) exit(1);
+        const bs_targets targets = {target[0], weight, NULL, NULL};
+        bs_reached reached = {root, world[0], local[0], found[0], tension, 0, 0};
+        bs_reach_targets(&body, &none, &targets, &reached, memory);
+        double off = 0, placed = 0, cost = reached.cost;
+        for (int32_t p = 0; p < points; p++)
+            for (int k = 0; k < 3; k++) placed = fmax(placed, fabs(found[p][k] - position[p][k]));
+        expect(placed < 1e-12, "the points of a body without a step", draw, 0, placed);
+        bs_reach_targets(&body, &descent, &targets, &reached, memory);
+        free(memory);
+        bs_place_frames(&body.tree, 1, root, local[0], position[0], world[0]);
+        for (int32_t p = 0; p < points; p++)
+            for (int k = 0; k < 3; k++) {
+                off = fmax(off, fabs(found[p][k] - target[p][k]));
+                placed = fmax(placed, fabs(found[p][k] - position[p][k]));
+            }
+        expect(off < 1e-4, "a target is not reached", draw, 0, off);
+        expect(placed < 1e-12, "points are not those of the rotations", draw, 0, placed);
+        expect(reached.cost <= cost, "the cost rises", draw, 0, reached.cost);
+    }
+}
+
 /* ---- the program ------------------------------------------------------------------------------------------------- */
 
 static int ran;
@@ -493,6 +554,7 @@ static void run_tests(const bs_model *model, const char *file, size_t bytes, con
     if (begins("measured_bodies_are_not_balanced", filter)) measured_bodies_are_not_balanced(model);
     if (begins("points_that_come_turn_no_body", filter)) points_that_come_turn_no_body(model);
     if (begins("functions_are_exact", filter)) functions_are_exact();
+    if (begins("targets_are_reached", filter)) targets_are_reached();
     printf("%d tests on kernel %s, %d failures\n", ran, bs_model_kernel(model), failures);
 }
 

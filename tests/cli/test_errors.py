@@ -88,6 +88,20 @@ def test_wrong_files(broken: Path, refused, what: str) -> None:
     assert files(broken) == before
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ([""], '"": unknown command'),
+        (["serve", ""], '"": unknown argument'),
+        (["demo", ""], 'PATH "": give a file or folder'),
+        (["conform", ""], 'SOURCE "": give a file, a folder or a stream'),
+        (["serve", "--replay", ""], '--replay "": give a file or folder'),
+    ],
+)
+def test_an_empty_word_is_named(refused, words: list[str], named: str) -> None:
+    assert named in refused(*words)
+
+
 def test_a_split_without_clips(tmp_path: Path, short_clip: Clip, refused) -> None:
     (tmp_path / "folder" / "anna").mkdir(parents=True)
     write_bvh(tmp_path / "folder" / "anna" / "a.bvh", short_clip)

@@ -14,7 +14,7 @@ from bodysense.body.hands.glove import glove_points
 from bodysense.body.hands.hand import FREEDOMS, HAND_JOINTS, angles_of, mirrored_rotations
 from bodysense.body.pose import forward_kinematics
 from bodysense.cli import main
-from bodysense.devices.gloves import device, hands
+from bodysense.devices.gloves import calibration, device, hands
 from bodysense.devices.simulated import sensors
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
@@ -43,9 +43,11 @@ class Fixed:
 
 @pytest.fixture(autouse=True)
 def small_models(monkeypatch: pytest.MonkeyPatch) -> None:
-    """No network of gloves is needed."""
+    """No network of gloves is needed, and calibrations take few frames and steps."""
     for module in (hands, device):
         monkeypatch.setattr(module, "load_glove_models", lambda: hands.GloveModels(Fixed(27), Fixed(26)))
+    for name, count in (("FRAMES", 8), ("_TRIED", 4), ("_STEPS", 8), ("_ROUNDS", 1), ("_AGAIN", 2)):
+        monkeypatch.setattr(calibration, name, count)
 
 
 @pytest.fixture(scope="module")

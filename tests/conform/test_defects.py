@@ -38,7 +38,7 @@ def test_a_named_defect_is_found_at_its_size_and_at_its_bound(defect: Defect, pe
     assert [found(size) for size in (0.0, defect.bound, defect.size)] == [False, True, True]
 
 
-@pytest.mark.parametrize("defect", NAMED[::6], ids=lambda defect: defect.name)
+@pytest.mark.parametrize("defect", NAMED[::12], ids=lambda defect: defect.name)
 def test_a_check_that_fails_fails_the_take(defect: Defect, performance: Performance) -> None:
     assert judge(defect.spoil(performance, defect.size)).judgement == "fail"
 

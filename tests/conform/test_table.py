@@ -66,7 +66,7 @@ def test_every_check_has_a_reason_and_sensible_limits() -> None:
         assert np.isfinite(reduced(check.statistic, np.ones(50), 10, 0.1)), check.id
 
 
-@settings(max_examples=3)
+@settings(max_examples=2)
 @given(st.floats(-180, 180), st.floats(-3, 3), st.floats(-3, 3), st.integers(0, 2**32 - 1))
 def test_heading_place_and_signs_of_quaternions_do_not_matter(
     clean: Subject, heading: float, x: float, z: float, seed: int
@@ -78,8 +78,7 @@ def test_heading_place_and_signs_of_quaternions_do_not_matter(
     assert _faults(judge(replace(clean, position=position, rotation=rotation))) == {}
 
 
-@pytest.mark.parametrize("with_wrists", [False, True])
-@pytest.mark.parametrize("garbage", [np.nan, 1e9])
+@pytest.mark.parametrize(("garbage", "with_wrists"), [(np.nan, False), (1e9, True)])
 def test_hands_that_are_honestly_missing_do_not_fail(clean: Subject, garbage: float, with_wrists: bool) -> None:
     missing = np.array([is_finger(name) or (with_wrists and "wrist" in name) for name in clean.points])
     valid = clean.valid & ~missing

@@ -73,6 +73,6 @@ def test_core_equals_its_twin(device: str, data: st.DataObject) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("device", DEVICES)
 @given(data=st.data())
-@settings(max_examples=8, derandomize=True)
+@settings(max_examples=4, derandomize=True)
 def test_core_equals_its_twin_for_longer(device: str, data: st.DataObject) -> None:
     check(data.draw(cases(device, 50)))

@@ -91,7 +91,7 @@ def small_vae(exported_once: ExportedOnce) -> Path:
     torch.manual_seed(0)
     card = {"identity": "{}", "licence": "Apache-2.0", "training_data": "nothing", "expected_error": [0.05] * 22}
     card |= {"validation_position_cm": 9.0, "within_position_cm": 8.0}
-    network = BodyVae(BodyVaeConfig(model=2, latent=4, width=16, sequence_width=8, length=8)).eval()
+    network = BodyVae(BodyVaeConfig(model=2, latent=4, blocks=1, width=16, sequence_width=8, length=8)).eval()
     for name, parameter in network.named_parameters():
         if name.endswith("gate"):
             torch.nn.init.constant_(parameter, 0.5)  # else the blocks do nothing

@@ -16,7 +16,6 @@ from bodysense.io.holes import missing_items
 from bodysense.sources.partial_motion import open_partial
 from bodysense.takes.take import track
 from bodysense_lab.completion.score import holes
-from bodysense_lab.core.chart import draw_panels
 from bodysense_lab.core.tallies import Tallies
 
 
@@ -47,8 +46,6 @@ def test_numbers_have_part_length_and_the_best_other_method(tmp_path: Path) -> N
     assert report.numbers["upper_body_0.5_cm"] == pytest.approx(1.0)
     assert report.numbers["upper_body_0.5_best_other_cm"] == pytest.approx(2.0)
     assert report.rows[0][-1] == "-1.00 to -1.00"
-    draw_panels(tmp_path / "holes.png", report.panels, report.title)
-    assert (tmp_path / "holes.png").stat().st_size > 1000
 
 
 @pytest.mark.parametrize(("fill", "power"), [(holes.slerped, 1), (holes.inertialised, 1), (holes.splined, 3)])

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import re
 import shutil
 import signal
 import socket
+import ssl
 import subprocess
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -18,15 +21,22 @@ import numpy as np
 import pytest
 
 from bodysense.io.formats.protocol import SignalFrame
+from bodysense_live.security import certificate as certificate_module
+from bodysense_live.security.safety import Access
 from bodysense_live.server import live as live_module
 from bodysense_live.server import scheduler as scheduler_module
-from bodysense_live.server.messages import Resume, Settings
+from bodysense_live.server.message_text import write_message
+from bodysense_live.server.messages import RecordSwitch, Resume, Settings
 from bodysense_live.server.scheduler import complete
 from bodysense_live.server.settings import ServerSettings
+from bodysense_live.sessions import recorder as recorder_module
+from bodysense_live.sessions import recordings as recordings_module
 
 from .conftest import Address, Connecting, Serving, free_port, storing
 from .conftest import signal as signal_frame
+from .protocols.test_vmc_trackers import packet
 from .server.wearers import Wearer, until, worn
+from .sessions.test_recordings import Disk, raising
 
 ROOT = Path(__file__).parents[2]
 ANSWERED = 2.0  # s until each wearer is answered, or told why
@@ -44,10 +54,12 @@ class Chaos:
     rng: np.random.Generator
 
     @contextmanager
-    def wearers(self, address: Address, seconds: float = SECONDS, count: int = COUNT) -> Iterator[list[Wearer]]:
+    def wearers(
+        self, address: Address, seconds: float = SECONDS, count: int = COUNT, secure: ssl.SSLContext | None = None
+    ) -> Iterator[list[Wearer]]:
         """Disturb wearers within the block, then for some seconds more; check that each is answered or told why."""
-        wearers = [Wearer(Settings(height=1.7 + 0.05 * k, mirror=True)) for k in range(count)]
-        with worn(wearers, address.websocket):
+        wearers = [Wearer(Settings(height=1.7 + 0.05 * k, mirror=True), secure=secure) for k in range(count)]
+        with worn(wearers, address.websocket if secure is None else f"wss://127.0.0.1:{address.port}/ws"):
             until(lambda: all(one.answered and one.placed for one in wearers))
             for one in wearers:
                 one.longest = 0.0
@@ -216,6 +228,64 @@ def answer_cannot_be_sent(chaos: Chaos) -> None:
     assert sum("failed to answer" in reason for one in wearers for reason in one.told) >= 1
 
 
+def disks_fail(chaos: Chaos) -> None:
+    """A wearer who records on a full disk, on one that is read-only, and on one that hangs."""
+    released = threading.Event()
+    disks = [
+        Disk("write", 4, raising(errno.ENOSPC)),
+        Disk("open", 1, raising(errno.EROFS)),
+        Disk("write", 4, lambda: released.wait(60)),
+    ]
+    remaining = iter(disks)
+    chaos.monkeypatch.setattr(recorder_module, "open_file", lambda path: next(remaining).open(path))
+    chaos.monkeypatch.setattr(recordings_module, "_BATCH", 4)  # poses, so that few frames fill the queue
+    try:
+        with chaos.wearers(chaos.server_of(ServerSettings(allow_record=chaos.folder)), count=len(disks)) as wearers:
+            for one in wearers:
+                one.do = once(lambda client: client.send(write_message(RecordSwitch(True))))
+            reasons = ("No space left", "Read-only", "too slow")
+            until(lambda: all(any(reason in text for one in wearers for text in one.told) for reason in reasons))
+    finally:
+        released.set()
+
+
+def certificate_changes(chaos: Chaos) -> None:
+    """One wearer reconnects after the certificate has changed, the others stay connected."""
+    pytest.importorskip("cryptography", reason="needs packages/live")
+    chaos.monkeypatch.setenv("XDG_STATE_HOME", str(chaos.folder))
+    chaos.monkeypatch.setattr(certificate_module, "CHECK_INTERVAL", 0.05)
+    chaos.monkeypatch.setattr(certificate_module, "_DAYS", 0.001)  # days; it is renewed at once
+    certificate, key = certificate_module.own_certificate(chaos.folder / "bodysense", ("127.0.0.1", "localhost"))
+    trusting = ssl.create_default_context()
+    trusting.check_hostname, trusting.verify_mode = False, ssl.CERT_NONE
+    server = chaos.server_of(ServerSettings(access=Access(certificate=certificate, key=key)))
+    with chaos.wearers(server, secure=trusting) as wearers:
+        before = ssl.get_server_certificate(("127.0.0.1", server.port))
+        chaos.monkeypatch.setattr(certificate_module, "_DAYS", 397)
+        until(lambda: ssl.get_server_certificate(("127.0.0.1", server.port)) != before)
+        wearers[0].do = once(lambda client: client.socket.shutdown(socket.SHUT_RDWR))
+    assert [len(one.welcomes) for one in wearers] == [2, *[1] * (COUNT - 1)]
+    assert wearers[0].welcomes[1]["resumed"]
+
+
+def own_tracker_is_lost(chaos: Chaos) -> None:
+    """A controller of the server's own input comes and goes; a client that watches its wearer gets every pose."""
+    port, upright = free_port(), (0.0, 0.0, 0.0, 1.0)
+    client = chaos.connect(chaos.server_of(ServerSettings(vmc_in=port)), points=(), watch="vmc")
+    heard, begun, longest = 0.0, time.monotonic(), 0.0
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        while not heard or time.monotonic() - begun < 2 * SECONDS:
+            hands = [("Con", "left", (-0.4, 1.0, 0.3), upright), ("Con", "right", (0.4, 1.0, 0.3), upright)]
+            shown = hands if time.monotonic() % 1.0 < 0.5 else hands[1:]
+            sender.sendto(packet(("Hmd", "HMD", (0.0, 1.6, 0.0), upright), *shown), ("127.0.0.1", port))
+            with suppress(TimeoutError):
+                client.frame(seconds=1 / 30)
+                now = time.monotonic()
+                longest, heard = max(longest, now - (heard or now)), now
+            assert time.monotonic() - begun < 60
+    assert longest < ANSWERED and time.monotonic() - heard < ANSWERED, longest
+
+
 Row = Callable[[Chaos], None] | str  # a test here, or the name of a test elsewhere that has the same bound
 ROWS: dict[str, Row] = {
     "frames are lost": frames_are_odd,
@@ -232,12 +302,10 @@ ROWS: dict[str, Row] = {
     "a server is killed": "test_machines.py::test_wearers_of_a_host_that_ends_resume_at_the_other",
     "the Valkey or Redis of `--shared` is gone, frozen or emptied": store_fails,
     "a session is resumed elsewhere while its old connection still seems open": resumed_elsewhere,
-    "the disk is full, read-only, slow or broken": "test_recordings.py::test_no_fault_of_the_disk_reaches_a_wearer",
-    "the certificate expires or changes while serving": (
-        "test_access.py::test_a_certificate_that_changes_or_expires_is_renewed_while_serving"
-    ),
+    "the disk is full, read-only, slow or broken": disks_fail,
+    "the certificate expires or changes while serving": certificate_changes,
     "a message is malformed": malformed,
-    "a tracker of the server's own inputs is lost or found": frames_are_odd,
+    "a tracker of the server's own inputs is lost or found": own_tracker_is_lost,
     "a step fails, or is NaN": step_fails,
     "a session's answer cannot be sent": answer_cannot_be_sent,
     "a task of the server ends, or no frame is answered for 10 s": (

@@ -28,7 +28,7 @@ def views(waving_clip: Clip) -> list[View]:
 
 def reds(picture: np.ndarray) -> int:
     red, green, blue = np.moveaxis(picture.astype(int), -1, 0)
-    return int(((red > 1.6 * green) & (red > 1.6 * blue)).sum())
+    return int(((red > 1.9 * green) & (red > 1.9 * blue)).sum())
 
 
 def test_untracked_parts_are_red(views: list[View]) -> None:

@@ -22,7 +22,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.markers.formats.c3d import write_c3d
 from bodysense.io.markers.raw_markers import RawMarkers, points_alone
 from bodysense.io.resample import resample
-from bodysense.takes import take as takes
+from bodysense.takes import marker_body
 from bodysense.takes.fitting import Trunk
 from bodysense.takes.marker_body import fit_markers, next_poses
 from bodysense.takes.take import Take, track
@@ -126,7 +126,7 @@ def test_sliding_skin_makes_no_set_worse_than_single_frames(
     errors = []
     for is_fitted in (True, False):
         if not is_fitted:
-            monkeypatch.setattr(takes, "fit_markers", lambda pose, *rest, **options: pose)
+            monkeypatch.setattr(marker_body, "fit_markers", lambda pose, *rest, **options: pose)
         pose = fitted(tmp_path / "walk.c3d", raw).estimate.pose
         errors.append(np.mean([distance(pose, clip, name, np.ones(len(clip), dtype=bool)) for name in BODY]))
     assert errors[0] <= errors[1]

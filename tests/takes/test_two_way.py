@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import threading
 import tracemalloc
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from bodysense.devices.simulated.noise import hide
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.io.formats import bvh
+from bodysense.observing import guard
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import concatenated_frames
 from bodysense.takes import two_way
@@ -129,6 +132,25 @@ def test_a_recording_with_a_pause_is_split(seen: Observation, person: Person) ->
     np.testing.assert_allclose(paused.points[45:], second.points, atol=1e-6)
 
 
+def test_both_passes_run_at_the_same_time(seen: Observation, person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each waits for the other in the middle of its work; the estimate is that of passes one after the other."""
+    alone, step, both = complete(person, seen), Tracker.step, threading.Barrier(2, timeout=60)
+
+    def waiting(tracker: Tracker, *given: Any) -> Any:
+        both.wait()
+        return step(tracker, *given)
+
+    monkeypatch.setattr(Tracker, "step", waiting)
+    together = complete(person, seen)
+    tracker = TwoWayTracker(person, None, TrackerSettings())
+    monkeypatch.undo()
+    forward, _ = tracker.tracker.step(seen, tracker.tracker.start())
+    joined = tracker.joined(forward, tracker.backward(seen), tracker.turned(seen), SECONDS)
+    for name in ("points", "confidence", "bound", "contact"):
+        np.testing.assert_array_equal(getattr(together, name), getattr(alone, name))
+        np.testing.assert_array_equal(getattr(together, name), getattr(joined, name))
+
+
 def test_each_direction_has_a_network(seen: Observation, person: Person) -> None:
     ways, own = TwoWayTracker(person, None, TrackerSettings()), packaged_model()
     alone = TwoWayTracker(person, own, TrackerSettings())
@@ -213,3 +235,14 @@ def test_a_crossfade_leads_from_one_body_to_the_other(seen: Observation, person:
         assert (np.diff(share[:frames]) < 0).all() and np.abs(share[frames:]).max() < 1e-6
     position = np.asarray(forward_kinematics(faded.pose)[0])
     np.testing.assert_allclose(faded.points[:frames], position[:frames], atol=1e-6)
+
+
+@pytest.mark.parametrize("causal", [False, True])
+def test_worlds_of_takes_are_not_watched(waving_clip: Clip, monkeypatch: pytest.MonkeyPatch, causal: bool) -> None:
+    """The guard's notices are for live input; its looks would take a sixth of the time of a short take."""
+
+    def look(*_: object) -> list[tuple[str, str]]:
+        raise AssertionError("a take was watched")
+
+    monkeypatch.setattr(guard, "_doubts", look)
+    assert len(track(waving_clip, device="three_point", height=1.75, causal=causal).time) == len(waving_clip)

@@ -92,5 +92,5 @@ def test_nothing_of_one_session_is_left_in_the_next(scenario: Scenario, site: Pa
     assert facts["menus"] == 3 * ["Point and pinch, or pull the trigger."]
     assert facts["silent"] == [True, True]
     assert facts["nothingOn"].startswith("No headset is on, and nothing else measures you.")
-    # A wearer who sits down is mirrored on a box, which is warm grey.
+    # Seated wearers are mirrored on a box, which is warm grey.
     assert box_pixels(tmp_path / "no_mirror.png") < 60 and box_pixels(tmp_path / "seated.png") > 150

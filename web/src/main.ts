@@ -28,7 +28,7 @@ function viewOf(canvas: HTMLCanvasElement): View | null {
   try {
     const isClear = address.get("background") === "transparent";
     if (isClear) document.documentElement.dataset["background"] = "transparent";
-    return new View(canvas, element("transport"), element("intro"), isClear);
+    return new View(canvas, element("transport"), element("intro"), [element("panel"), element("take-panel")], isClear);
   } catch (error) {
     fault(
       `This page cannot draw in 3-D: ${String(error)}. Use a browser with WebGL 2, and switch its hardware acceleration on.`,

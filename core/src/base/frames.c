@@ -4,16 +4,11 @@
 #include <math.h>
 #include <string.h>
 
+#include "doubles.h"
+
 #define TINY 1e-24       /* squared length below which a quaternion is not normalised */
 #define SMALL_TURN 1e-8  /* rad², squared angle below which sines are taken from their series */
 #define SMALL_SINE 1e-14 /* squared sine of half an angle below which its logarithm is linear */
-
-static inline void multiply(const double a[4], const double b[4], double product[4]) {
-    product[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
-    product[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
-    product[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
-    product[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
-}
 
 /* The vector `from` plus a vector v that is turned by a quaternion. */
 static inline void add_turned(const double from[3], const double q[4], const double v[3], double sum[3]) {
@@ -35,7 +30,7 @@ void bs_place_frames(const bs_tree *tree, size_t frames, const double *root, con
         memcpy(world, rotation, 4 * sizeof(double));
         memcpy(position, root, 3 * sizeof(double));
         for (size_t joint = 1; joint < joints; joint++)
-            multiply(world + 4 * tree->parent[joint], rotation + 4 * joint, world + 4 * joint);
+            multiply_quaternions(world + 4 * tree->parent[joint], rotation + 4 * joint, world + 4 * joint);
         for (size_t point = 1; point < points; point++) {
             const int32_t above = tree->parent[point];
             add_turned(position + 3 * above, world + 4 * above, tree->rest_offset + 3 * point, position + 3 * point);
@@ -48,7 +43,7 @@ void bs_place_frames(const bs_tree *tree, size_t frames, const double *root, con
 }
 
 void bs_multiply_rotations(size_t count, bs_rows a, bs_rows b, double *product) {
-    for (size_t n = 0; n < count; n++, a.at += a.step, b.at += b.step, product += 4) multiply(a.at, b.at, product);
+    for (size_t n = 0; n < count; n++, a.at += a.step, b.at += b.step, product += 4) multiply_quaternions(a.at, b.at, product);
 }
 
 static inline double cross_part(const double a[3], const double b[3], int k) {

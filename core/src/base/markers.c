@@ -8,18 +8,14 @@
 #include <math.h>
 #include <string.h>
 
-enum { MASS = 0, FIRST = 1, SECOND = 4, FORCE = 13, TORQUE = 16, MOMENTS = 19 }; /* of a joint */
+#include "doubles.h"
 
-static inline void cross(const double a[3], const double b[3], double product[3]) {
-    product[0] = a[1] * b[2] - a[2] * b[1];
-    product[1] = a[2] * b[0] - a[0] * b[2];
-    product[2] = a[0] * b[1] - a[1] * b[0];
-}
+enum { MASS = 0, FIRST = 1, SECOND = 4, FORCE = 13, TORQUE = 16, MOMENTS = 19 }; /* of a joint */
 
 /* Invert a symmetric positive definite matrix (3, 3). */
 static void invert(const double m[9], double inverse[9]) {
     for (int row = 0; row < 3; row++)
-        cross(m + 3 * ((row + 1) % 3), m + 3 * ((row + 2) % 3), inverse + 3 * row);
+        cross_doubles(m + 3 * ((row + 1) % 3), m + 3 * ((row + 2) % 3), inverse + 3 * row);
     const double determinant = m[0] * inverse[0] + m[1] * inverse[1] + m[2] * inverse[2];
     for (int k = 0; k < 9; k++)
         inverse[k] /= determinant;
@@ -42,7 +38,7 @@ static void gather(const bs_worn_markers *worn, const double *position, const do
             force[k] = (position[k] - at) * share;
             p[k] = at - centre[k]; /* near 0, which keeps the moments accurate */
         }
-        cross(p, force, torque);
+        cross_doubles(p, force, torque);
         sum[MASS] += share;
         for (int k = 0; k < 3; k++) {
             sum[FIRST + k] += share * p[k];
@@ -128,7 +124,7 @@ void bs_step_to_markers(const bs_worn_markers *worn, size_t frames, const double
                 at[k] = place[3 * joint + k] - place[k];
                 arm[k] = sum[FIRST + k] - sum[MASS] * at[k];
             }
-            cross(at, sum + FORCE, turned);
+            cross_doubles(at, sum + FORCE, turned);
             for (int k = 0; k < 3; k++)
                 step[3 * (joint + 1) + k] += sum[TORQUE + k] - turned[k];
             const double by_root[9] = {0, -arm[2], arm[1], arm[2], 0, -arm[0], -arm[1], arm[0], 0};

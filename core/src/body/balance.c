@@ -28,16 +28,23 @@ static const struct {
     {RIGHT_ANKLE, RIGHT_FOOT, 0.0145F},
 };
 
-/* Joints that are turned: those between the head and the ankles. */
-static const signed char TURNED[] = {PELVIS, LEFT_HIP, RIGHT_HIP, SPINE1, LEFT_KNEE, RIGHT_KNEE,
-                                     SPINE2, SPINE3,   NECK,      LEFT_COLLAR, RIGHT_COLLAR};
+/* Ends of the chains of joints that are turned. */
+static const signed char END[] = {HEAD, LEFT_SHOULDER, RIGHT_SHOULDER, LEFT_ANKLE, RIGHT_ANKLE};
 
-/* Whether the head is placed and all of the body but its arms is predicted. */
+/* Whether a point hangs on a joint, at any depth; parents come before their children. */
+static bool hangs_on(int point, int joint) {
+    do point = PARENT[point];
+    while (point > joint);
+    return point == joint;
+}
+
+/* Whether the head is placed, and the legs and the trunk up to the neck and the collars are predicted. */
 static bool predicted_below(const tracked *t) {
-    static const signed char POINT[] = {PELVIS,     LEFT_HIP,    RIGHT_HIP, SPINE1,     LEFT_KNEE, RIGHT_KNEE, SPINE2,
-                                        LEFT_ANKLE, RIGHT_ANKLE, SPINE3,    LEFT_FOOT, RIGHT_FOOT, LEFT_TOE,  RIGHT_TOE};
-    for (size_t k = 0; k < sizeof POINT / sizeof *POINT; k++)
-        if (t->has_position[POINT[k]] || (POINT[k] < BODY_JOINTS && known_rotation(t, POINT[k]))) return false;
+    for (int k = 0; k < BODY_POINTS; k++) {
+        int point = BODY_POINT[k];
+        if (hangs_on(point, SPINE3)) continue;
+        if (t->has_position[point] || (point < BODY_JOINTS && known_rotation(t, point))) return false;
+    }
     return t->has_position[HEAD];
 }
 
@@ -98,6 +105,10 @@ void balance_prediction(const tracked *t, pose_state *s, prediction *p) {
     float far = length(lean);
     if (far <= own->free || own->stands == 0.0F) return;
     vec3 turn = scale(vec(-lean.z, 0.0F, lean.x), own->stands * (far - own->free) / far);
-    for (size_t k = 0; k < sizeof TURNED / sizeof *TURNED; k++)
-        p->rotation[TURNED[k]] = turned_by(p->rotation[TURNED[k]], turn);
+    bool turned[BODY_JOINTS] = {false};
+    for (size_t k = 0; k < sizeof END / sizeof *END; k++)
+        for (int j = PARENT[END[k]]; j >= 0 && !turned[j]; j = PARENT[j]) {
+            p->rotation[j] = turned_by(p->rotation[j], turn);
+            turned[j] = true;
+        }
 }

@@ -31,7 +31,7 @@ static void pull_pelvis(body *b, const tracked *t, pose_state *s, limb_task task
     vec3 before = b->point[PELVIS];
     uint8_t pulling = 0;
     for (int k = 0; k < 2; k++)
-        if (!pelvis_seen(t)) pulling |= (uint8_t)((task[k].middle_seen ? 1 : 0) + (task[k].end_seen ? 2 : 0)) << 2 * k;
+        if (!pelvis_seen(t)) pulling = (uint8_t)(pulling | ((task[k].middle_seen ? 1 : 0) + (task[k].end_seen ? 2 : 0)) << 2 * k);
     for (int round = 0; round < PELVIS_PULLS && pulling != 0; round++) {
         vec3 lack = vec(0, 0, 0);
         float count = 0.0F;

@@ -60,7 +60,9 @@ class Coordination:
         return result
 
 
-def deviations(rotation: np.ndarray, root: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:
+def deviations(
+    rotation: gaps.Rotations, root: np.ndarray, first: int, end: int, seconds: float, part: slice = slice(None)
+) -> np.ndarray:
     """Return the deviations (N, J + 1, 3) of joints and root from their interpolation over a gap between known frames.
 
     Args:
@@ -69,11 +71,13 @@ def deviations(rotation: np.ndarray, root: np.ndarray, first: int, end: int, sec
         first: first frame of the gap, > 0.
         end: frame after its last, < T.
         seconds: time between frames.
+        part: frames of the gap that are returned, counted from its first.
     """
-    fading = gaps.COASTING / seconds
-    inside = gaps.interpolate(rotation, first, end, fading)
-    turned = quaternion_log(quaternion_multiply(quaternion_conjugate(inside), rotation[first:end]))
-    off = root[first:end] - gaps.interpolate_positions(root, first, end, fading)
+    fading, frames = gaps.COASTING / seconds, range(first, end)[part]
+    here = slice(frames.start, frames.stop)
+    inside = gaps.interpolate(rotation, first, end, fading, part=part)
+    turned = quaternion_log(quaternion_multiply(quaternion_conjugate(inside), rotation[here]))
+    off = root[here] - gaps.interpolate_positions(root, first, end, fading, part)
     moved = quaternion_rotate(quaternion_conjugate(inside[:, 0]), off)
     return np.concatenate([np.asarray(turned), np.asarray(moved)[:, None]], axis=1)
 

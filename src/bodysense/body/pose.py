@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace, device
 
-from bodysense.body.skeleton import Skeleton
+from bodysense.body.skeleton import Skeleton, chain_to_root
 from bodysense.errors import expect
 from bodysense.files import load_library
 from bodysense.geometry.rotation import (
@@ -99,10 +99,7 @@ def _core() -> ctypes.CDLL:
 
 def world_rotation(pose: Pose, joint: int) -> Array:
     """Return the world rotation (..., 4) of one joint of a pose, by its index: that of `forward_kinematics`."""
-    parents = pose.skeleton.parents
-    chain = [joint]
-    while parents[chain[-1]] >= 0:
-        chain.append(parents[chain[-1]])
+    chain = chain_to_root(pose.skeleton.parents, joint)
     rotation = pose.rotation[..., chain.pop(), :]
     while chain:
         rotation = quaternion_multiply(rotation, pose.rotation[..., chain.pop(), :])

@@ -199,6 +199,14 @@ def default_skeleton() -> Skeleton:
     return skeleton_from_table(default_body()["joints"], default_body()["end_sites"])
 
 
+def chain_to_root(parents: Sequence[int], point: int) -> list[int]:
+    """Return a point of a tree and its ancestors up to the root, whose parent is negative."""
+    chain = [point]
+    while parents[chain[-1]] >= 0:
+        chain.append(parents[chain[-1]])
+    return chain
+
+
 def skeleton_from_table(joints: Sequence[dict], end_sites: Sequence[dict]) -> Skeleton:
     """Build a skeleton from rows with `name`, `parent` (a name, or null for the root) and `offset` (metres)."""
     index = {row["name"]: place for place, row in enumerate(joints)}

@@ -26,8 +26,9 @@ from bodysense.ranges import Seed
 
 if TYPE_CHECKING:
     from bodysense.body.person import Person
+    from bodysense.sources.open import Opened
     from bodysense.sources.partial_motion import PartialMotion
-    from bodysense.takes.take import Take
+    from bodysense.takes.take import FilledFile, Take
 
 _LISTED = 12  # largest number of joints or markers in a line
 MotionFile = Annotated[Path, tyro.conf.Positional]
@@ -195,7 +196,6 @@ def _track_file(
     from bodysense.io.markers.options import is_marker_file
     from bodysense.sources.open import MarkerSource, MotionSource, VideoSource
     from bodysense.takes.take import check_marker_output
-    from bodysense.takes.take import track as complete
     from bodysense.tracking.model import load_completion
     from bodysense.tracking.tracker import TrackerSettings
 
@@ -227,18 +227,15 @@ def _track_file(
     begun = time.perf_counter()
     with Progress(transient=True) as progress:
         bar = progress.add_task(f"tracking {file.name}", total=None)
-        take = complete(
-            opened,
-            device=device,
-            missing=() if missing is None else missing,
-            person=wearer,
-            height=height,
-            noise=seeded,
-            settings=settings,
-            network=network,
-            causal=causal,
-            advance=lambda done, frames: progress.update(bar, completed=done, total=frames),
-        )
+
+        def advance(done: int, frames: int) -> None:
+            progress.update(bar, completed=done, total=frames)
+
+        given: dict[str, Any] = {
+            **{"device": device, "missing": () if missing is None else missing, "person": wearer, "height": height},
+            **{"noise": seeded, "settings": settings, "network": network, "causal": causal, "advance": advance},
+        }
+        take = _completed(opened, out, rig, given)
     rate = len(take.time) / (time.perf_counter() - begun)
     if take.partial is not None and take.partial.line:
         print(take.partial.line)
@@ -251,6 +248,20 @@ def _track_file(
         print(f"wrote {save_person}")
     outputs = [out] if save_person is None else [out, save_person]
     return {"outputs": outputs, **take_values(take, rate, warnings, markers_out)}
+
+
+def _completed(opened: Opened, out: Path, rig: str | None, options: dict[str, Any]) -> Take | FilledFile:
+    """Complete an opened file by options of `track`; one that is written on its own rig in less memory."""
+    from bodysense.io.target_rigs.named import SOURCE
+    from bodysense.sources.open import MotionSource
+    from bodysense.takes.take import Completion, fill_file, track
+
+    if isinstance(opened, MotionSource) and opened.joint_file is not None and rig in (None, SOURCE):
+        is_own = out.suffix.lower() == opened.joint_file.suffix.lower()
+        if is_own and all(options[name] is None for name in ("device", "person", "height", "noise")):
+            completion = Completion(*(options[name] for name in ("settings", "network", "causal", "advance")))
+            return fill_file(opened, options["missing"], rig, completion)
+    return track(opened, **options)
 
 
 def convert(
@@ -342,7 +353,7 @@ def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -
             check_place(path)
 
 
-def _print_result(take: Take, warnings: tuple[str, ...], markers_out: bool) -> None:
+def _print_result(take: Take | FilledFile, warnings: tuple[str, ...], markers_out: bool) -> None:
     """Print filled frames, warnings and inferred proportions of a take."""
     if take.partial is not None:
         print(holes_line(take.partial))
@@ -374,7 +385,7 @@ def _frame_counts(names: Sequence[str], frames: np.ndarray, kind: str) -> str:
     return ", ".join(found[:_LISTED]) + more
 
 
-def _filled_markers_line(take: Take) -> str:
+def _filled_markers_line(take: Take | FilledFile) -> str:
     """Return a line with the number of filled frames of each marker."""
     assert take.markers is not None and take.markers.found is not None
     raw = take.markers.found.raw
@@ -382,7 +393,7 @@ def _filled_markers_line(take: Take) -> str:
     return f"filled, in frames of {len(raw.time)}: {listed}" if listed else "no marker has a gap: none was filled"
 
 
-def _remaining_gaps(take: Take) -> tuple[str, ...]:
+def _remaining_gaps(take: Take | FilledFile) -> tuple[str, ...]:
     """Return a line about markers that still have gaps, if there are any."""
     assert take.markers is not None and take.markers.found is not None
     raw, filled = take.markers.found.raw, take.filled_markers.filled

@@ -151,7 +151,8 @@ def _reason(event: events.ParseErrorEvent, application: SubcommandApp, given: Se
     """Return a message about an error; None for unknown events of later versions, for which tyro prints a box."""
     if isinstance(event, events.MissingArgs):
         names = " and ".join(_name(one.arg) for one in event.missing_arguments)
-        spare = f", and {' '.join(event.unrecognized_tokens)} is unknown" if event.unrecognized_tokens else ""
+        unknown = " ".join(word or _EMPTY for word in event.unrecognized_tokens)
+        spare = f", and {unknown} is unknown" if unknown else ""
         verb = "is" if len(event.missing_arguments) == 1 else "are"
         return f"{names} {verb} missing{spare}{_help_hint(application, given)}"
     if isinstance(event, events.MissingSubcommand):
@@ -214,7 +215,9 @@ def _unknown(tokens: Sequence[str], application: SubcommandApp, given: Sequence[
     known = re.findall(r"--[a-z][a-z0-9-]*", text) if is_option else names
     near = difflib.get_close_matches(first.partition("=")[0], sorted(set(known)), 1)
     kind = "option" if is_option else "command" if names else "argument"
-    return f"{first}: unknown {kind}" + (f"; did you mean {near[0]}?" if near else _help_hint(application, given))
+    return f"{first or _EMPTY}: unknown {kind}" + (
+        f"; did you mean {near[0]}?" if near else _help_hint(application, given)
+    )
 
 
 def _help_hint(application: SubcommandApp, given: Sequence[str]) -> str:

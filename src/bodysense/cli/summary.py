@@ -20,7 +20,7 @@ from bodysense.files import check_folder, check_place, write_json
 
 if TYPE_CHECKING:
     from bodysense.takes.many import FileOutcome
-    from bodysense.takes.take import Take
+    from bodysense.takes.take import FilledFile, Take
 
 _LISTED = 40  # largest number of files in the table; of more, those with errors or warnings
 
@@ -31,7 +31,7 @@ def write_summary(path: Path | None, outputs: list[Path], values: Mapping[str, A
         write_json(path, {"outputs": [str(out) for out in outputs], **values})
 
 
-def take_values(take: Take, speed: float, warnings: Sequence[str], of_markers: bool) -> dict[str, Any]:
+def take_values(take: Take | FilledFile, speed: float, warnings: Sequence[str], of_markers: bool) -> dict[str, Any]:
     """Return values about a completed take: frames, Hz, speed, height in metres, filled frames and warnings.
 
     If `of_markers`, the filled frames are those of its markers.
@@ -69,6 +69,7 @@ def do_many(
     """
     from rich.progress import track
 
+    from bodysense.io.motion_files import ENDINGS
     from bodysense.takes.many import do_all, files_of, tasks_of
 
     command = work.func.__name__.strip("_").partition("_")[0]
@@ -77,7 +78,7 @@ def do_many(
             hint = f"see bodysense {command} --help, or give a file or folder that exists"
             raise BodysenseError(f"{source}: unknown argument; {hint}")
     files, others = files_of(sources, endings)
-    if folder.suffix.lower() in (*endings, ".bvh", ".fbx", ".glb", ".vrma", ".mcap"):
+    if folder.suffix.lower() in (*endings, *ENDINGS):
         raise BodysenseError(
             f"-o {folder}: {len(files)} files are written to a folder; give its name, and --ending {folder.suffix} for "
             "the kind of file"

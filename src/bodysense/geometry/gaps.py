@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -26,6 +27,14 @@ from bodysense.geometry.series import continuous, smoothed
 COASTING = 0.8  # s in which the speed at a gap's edge fades; shorter gaps are cubics. Chosen on validation people
 BRIEF = 0.25  # s; gaps that are no longer, with two known sides, are interpolated without the guess
 SMOOTH = 0.07  # s; standard deviation of the Gaussian that removes jitter from the guess
+
+
+class Rotations(Protocol):
+    """Rotations (T, ..., 4) of joints: an array, or an object that computes the frames which are taken."""
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, frames: int | slice, /) -> np.ndarray: ...
 
 
 @dataclass(frozen=True)
@@ -118,7 +127,12 @@ def continue_into_gaps(
 
 
 def interpolate(
-    rotation: np.ndarray, first: int, end: int, fading: float, speeds: tuple[bool, bool] = (True, True)
+    rotation: Rotations,
+    first: int,
+    end: int,
+    fading: float,
+    speeds: tuple[bool, bool] = (True, True),
+    part: slice = slice(None),
 ) -> np.ndarray:
     """Interpolate rotations (N, ..., 4) of joints (T, ..., 4) from one side of a gap to the other.
 
@@ -131,28 +145,36 @@ def interpolate(
         end: frame after its last.
         fading: number of frames in which the speed at a side fades.
         speeds: whether two frames are known before and after the gap.
+        part: frames of the gap that are returned, counted from its first.
     """
     frames = len(rotation)
     before, after = rotation[first - 1 if first else end], rotation[end if end < frames else first - 1]
     whole = _difference(before, after)
     entry = _difference(rotation[first - 2], before) if speeds[0] and first > 1 else None
     leaving = _rate_at(whole, _difference(after, rotation[end + 1])) if speeds[1] and end < frames - 1 else None
-    path = _displacement(whole, (entry, leaving), end - first, fading, first > 0 and end < frames)
+    path = _displacement(whole, (entry, leaving), end - first, fading, first > 0 and end < frames, part)
     return np.asarray(quaternion_multiply(np.broadcast_to(before, (*path.shape[:-1], 4)), quaternion_exp(path)))
 
 
-def interpolate_positions(place: np.ndarray, first: int, end: int, fading: float) -> np.ndarray:
+def interpolate_positions(
+    place: np.ndarray, first: int, end: int, fading: float, part: slice = slice(None)
+) -> np.ndarray:
     """Interpolate positions (N, 3) of a point (T, 3) over a gap with known frames on both sides, like `interpolate`."""
     before, after = place[first - 1], place[end]
     entry = before - place[first - 2] if first > 1 else None
     leaving = place[end + 1] - after if end < len(place) - 1 else None
-    return before + _displacement(after - before, (entry, leaving), end - first, fading, True)
+    return before + _displacement(after - before, (entry, leaving), end - first, fading, True, part)
 
 
 def _displacement(
-    whole: np.ndarray, speeds: tuple[np.ndarray | None, np.ndarray | None], count: int, fading: float, both: bool
+    whole: np.ndarray,
+    speeds: tuple[np.ndarray | None, np.ndarray | None],
+    count: int,
+    fading: float,
+    both: bool,
+    part: slice = slice(None),
 ) -> np.ndarray:
-    """Return displacements (N, ..., 3) from the frame before a gap to its `count` frames.
+    """Return displacements (N, ..., 3) from the frame before a gap to its `count` frames, or a part of them.
 
     `whole` (..., 3) is the displacement to the frame after the gap. `speeds` are displacements per frame before and
     after the gap; None if unknown.
@@ -166,7 +188,7 @@ def _displacement(
         (own * entry - other * leaving) / (own**2 - other**2),
         (own * leaving - other * entry) / (own**2 - other**2),
     )
-    gone = np.arange(1.0, count + 1).reshape(-1, *[1] * whole.ndim)
+    gone = np.arange(1.0, count + 1)[part].reshape(-1, *[1] * whole.ndim)
     path = gone * step + gone * _fading(gone / coasting) * entry
     return path - (span - gone) * _fading((span - gone) / coasting) * leaving
 

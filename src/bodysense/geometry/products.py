@@ -34,15 +34,6 @@ MATRIX = np.array([  # (q qᵀ) @ MATRIX is the 3×3 rotation matrix, row by row
     [0, 0, 0, 0, 0, 1, 0, 1, 0],
     [-1, 0, 0, 0, -1, 0, 0, 0, 1],
 ], dtype=float)
-TANGENT = np.array([  # q @ TANGENT is w·I − [v]×: how a small turn in the joint's own frame changes 2v, transposed
-    [1, 0, 0, 0, 1, 0, 0, 0, 1],
-    [0, 0, 0, 0, 0, 1, 0, -1, 0],
-    [0, 0, -1, 0, 0, 0, 1, 0, 0],
-    [0, 1, 0, -1, 0, 0, 0, 0, 0],
-], dtype=float)
-ACROSS = np.zeros((9, 12))  # m @ ACROSS is tr(m)·I − m for a 3×3 matrix, row by row, each row followed by a 0
-ACROSS[np.ix_([0, 4, 8], [0, 5, 10])] = 1
-ACROSS[range(9), [0, 1, 2, 4, 5, 6, 8, 9, 10]] -= 1
 # fmt: on
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 

@@ -319,37 +319,49 @@ def are_numbers_of_numpy(*arrays: object) -> bool:
 
 def on_rows(name: str, *arrays: np.ndarray) -> np.ndarray:
     """Return what a function of the core gives for each row of arrays (..., n), whose leading axes broadcast."""
-    function, *widths, width = _function(name)
+    function, widths, width = _function(name)
+    if tuple(one.shape[-1] for one in arrays) != widths:
+        raise ValueError(f"rows of {[one.shape[-1] for one in arrays]} numbers; {name} takes {list(widths)}")
     shape = arrays[0].shape[:-1]
-    if any(one.shape[:-1] != shape for one in arrays):
-        shape = np.broadcast_shapes(*(one.shape[:-1] for one in arrays))
-    if [one.shape[-1] for one in arrays] != widths:
-        raise ValueError(f"rows of {[one.shape[-1] for one in arrays]} numbers; {name} takes {widths}")
+    for one in arrays[1:]:
+        if one.shape[:-1] != shape:
+            shape = np.broadcast(*(one[..., 0] for one in arrays)).shape
+            break
     whole = [_rows(one, shape) for one in arrays]  # refers to the memory until the call is done
     result = np.empty((*shape, width))
-    function(result.size // width, *(rows for rows, _ in whole), result.ctypes.data)
+    function(result.size // width, *(rows for rows, _ in whole), _address(result))
     return result
 
 
 def _rows(values: np.ndarray, shape: tuple[int, ...]) -> tuple[_StridedRows, np.ndarray]:
     """Return the rows of an array, broadcast to leading axes, and the array that owns them."""
+    width = values.shape[-1]
+    if values.dtype != np.float64 or values.strides[-1] != values.itemsize:
+        values = np.ascontiguousarray(values, np.float64)
+    if values.size == width and values.shape[:-1] != shape:
+        return _StridedRows(_address(values), 0), values
     if values.shape[:-1] != shape:
-        values = np.broadcast_to(values, (*shape, values.shape[-1]))
+        every = np.empty((*shape, width))
+        every[...] = values
+        values = every
     steps = values.strides
-    if (
-        values.ndim == 2
-        and values.dtype == np.float64
-        and steps[1] == values.itemsize
-        and steps[0] % values.itemsize == 0
-    ):
-        return _StridedRows(values.ctypes.data, steps[0] // values.itemsize), values
-    values = np.ascontiguousarray(values, np.float64)
-    return _StridedRows(values.ctypes.data, values.shape[-1]), values
+    if values.ndim == 2 and steps[0] % values.itemsize == 0:
+        return _StridedRows(_address(values), steps[0] // values.itemsize), values
+    values = np.ascontiguousarray(values)
+    return _StridedRows(_address(values), width), values
+
+
+def _address(values: np.ndarray) -> int:
+    """Return the address of an array's numbers. `values.ctypes` takes four times as long, so it is the last resort."""
+    flags = values.flags
+    if flags.c_contiguous and flags.writeable and values.size:
+        return ctypes.addressof(ctypes.c_char.from_buffer(values.data))
+    return values.ctypes.data
 
 
 @lru_cache(maxsize=len(_WIDTHS))
-def _function(name: str) -> tuple[Callable[..., None], *tuple[int, ...]]:
-    """Return a function of the core, and the numbers in a row of its arguments and of its result."""
-    function, widths = getattr(load_library("_core"), name), _WIDTHS[name]
-    function.restype, function.argtypes = None, [ctypes.c_size_t, *[_StridedRows] * (len(widths) - 1), ctypes.c_void_p]
-    return function, *widths
+def _function(name: str) -> tuple[Callable[..., None], tuple[int, ...], int]:
+    """Return a function of the core, and the numbers in a row of each argument and of its result."""
+    function, (*widths, width) = getattr(load_library("_core"), name), _WIDTHS[name]
+    function.restype, function.argtypes = None, [ctypes.c_size_t, *[_StridedRows] * len(widths), ctypes.c_void_p]
+    return function, tuple(widths), width

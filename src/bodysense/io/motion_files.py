@@ -24,7 +24,7 @@ def check_ending(path: Path) -> Path:
     check_place(path)
     if path.suffix.lower() not in ENDINGS:
         found = f"the output ends in {path.suffix!r}" if path.suffix else "the output has no ending"
-        raise BodysenseError(f"{path}: {found}; give a name that ends in .bvh, .fbx, .glb, .vrma or .mcap")
+        raise BodysenseError(f"{path}: {found}; give a name that ends in {', '.join(ENDINGS[:-1])} or {ENDINGS[-1]}")
     if path.suffix.lower() == ".mcap":
         from bodysense.io.formats.mcap_take import load_writer
 

@@ -91,7 +91,8 @@ def watch(guard: Guard, observation: Observation, before: float, floor: float) -
         steps = np.diff(np.concatenate([[before], observation.time]))
     long = np.concatenate([[guard.slow], steps > _LONGEST_STEP])
     if (long[1:] & long[:-1]).any():
-        found.append(("times", _interval_notice(float(np.median(steps[steps > _LONGEST_STEP])))))
+        step = float(np.median(steps[steps > _LONGEST_STEP]))
+        found.append(("times", f"frames are {step:.3g} s apart: give times in seconds, not in milliseconds"))
     due, until, frames = guard.due, guard.until, len(observation)
     k = int(np.searchsorted(observation.time, due))
     while k < frames:
@@ -317,7 +318,7 @@ def _floor(points: PlacedPoints, floor: float) -> list[tuple[str, str]]:
     head = points.place("head")
     low = int(np.argmin(heights))
     upright = any(direction[1] > _ALONG for direction in _directions(points))
-    right = f"TrackerSettings(floor={_floor_of(points):.1f})"
+    right = f"floor={_floor_of(points):.1f}"
     for name in _TRUNK:
         place = points.place(name)
         if place is None or place[1] - floor < _TALL - _EYES + _standing(name):
@@ -367,7 +368,3 @@ def _sides(points: PlacedPoints, floor: float) -> str | None:
     if min(across) < _FAR_CROSSED * size and not hangs and not (len(fingers) == 2 and max(fingers) < _FINGERS):
         return None
     return "left_wrist is on the right of the head, and right_wrist on its left: exchange them, or mirror the world"
-
-
-def _interval_notice(step: float) -> str:
-    return f"frames are {step:.3g} s apart: give times in seconds, not in milliseconds"

@@ -51,7 +51,7 @@ def likely_unit(size: float | None, height: float | None) -> str:
 
     Args:
         size: of the body, relative to the usual one in metres; None if it is unknown.
-        height: of its head or trunk over the floor, relative to that of an adult who stands; None if it is unknown.
+        height: of its head or trunk over the floor, relative to that of a standing adult; None if it is unknown.
     """
 
     def unlikely(metres: float) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.pose import Pose
-from bodysense.body.skin import fit_skin, place_skin
+from bodysense.body.surface import fit_surface
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.pictures.camera import FollowingCamera
@@ -19,9 +19,9 @@ def draw_pose(pose: Pose, camera: FollowingCamera) -> Iterator[np.ndarray]:
     """Yield pictures (H, W, 3) uint8 of a posed body (T, …). Raises BodysenseError unless the camera has T frames."""
     if len(pose.root_position) != len(camera):
         raise BodysenseError(f"a camera of {len(camera)} frames cannot show {len(pose.root_position)}; frame it anew")
-    skin, painter = fit_skin(pose.skeleton), BodyPainter(camera)
-    for frame, balls in enumerate(place_skin(skin, pose)):
-        yield painter.draw(skin, balls, camera.eye(frame))
+    painter = BodyPainter(camera)
+    for frame, mesh in enumerate(fit_surface(pose.skeleton).placed(pose)):
+        yield painter.draw(mesh, camera.eye(frame))
 
 
 def write_animation(path: str | Path, pose: Pose, camera: FollowingCamera, rate: float) -> None:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skin import fit_skin, place_skin
+from bodysense.body.surface import fit_surface
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import heading, quaternion_rotate
 from bodysense.geometry.series import smoothed
@@ -80,13 +80,12 @@ def follow_body(truth: Pose, rate: float, lens: Lens = Lens()) -> FollowingCamer
     0.7 s. All compared methods agree on the head, so the camera's motion does not reveal the method.
     """
     position, rotation = forward_kinematics(truth)
-    skin = fit_skin(truth.skeleton)
     head = truth.skeleton.index("head")
     front = quaternion_rotate(heading(rotation[:, head]), np.array([0.0, 0.0, 1.0])).mean(axis=0)
     path = position[:, head][:, [0, 2]]
     middle = (path.min(axis=0) + path.max(axis=0)) / 2
     stays = np.linalg.norm(path - middle, axis=-1).max() < 0.5 * truth.skeleton.height / 1.7
-    soles = (place_skin(skin, truth)[..., 1] - skin.radius).min(axis=-1)
+    soles = [mesh.position[:, 1].min() for mesh in fit_surface(truth.skeleton).soles.placed(truth)]
     return FollowingCamera(
         lens=lens,
         follow=np.tile(middle, (len(path), 1)) if stays else smoothed(path, 0.7 * rate),

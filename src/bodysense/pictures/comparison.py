@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from bodysense.body.pose import Pose
 from bodysense.body.skeleton import Skeleton
-from bodysense.body.skin import SHOES, UNSEEN, BodySkin, fit_skin, place_skin
+from bodysense.body.surface import UNSEEN, Mesh, fit_surface, nearest_points
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.pictures.animation import write_pictures
@@ -21,6 +20,8 @@ from bodysense.pictures.painter import BodyPainter
 LENS = Lens(width=360, height=420, aim=0.93, view_height=2.0)
 _INK, _BAND = (34, 48, 60), 34  # colour of the captions, and their height in pixels
 _THICK, _THIN = 0.018, 0.006  # m, radius of a stick figure's bones, and of its fingers
+_STICK = np.array([0.04, 0.04, 0.05], np.float32)  # linear red, green, blue of a stick figure
+_AROUND, _RINGS = 8, 3  # vertices around a bone, and rings at each of its ends
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,27 +96,13 @@ def caption(titles: Sequence[str], width: int) -> np.ndarray:
     return np.asarray(band)
 
 
-@dataclass(frozen=True, eq=False)
-class _Figure:
-    """A view's balls: of the posed body, or of a stick figure."""
-
-    skin: BodySkin
-    balls: np.ndarray  # (T, N, 3) m
-    point: np.ndarray  # (N,) point of the skeleton whose tracking colours each ball
-
-
 def _side_by_side(views: Sequence[View], rate: float, frames: Iterable[int] | None, lens: Lens) -> Iterator[np.ndarray]:
     """Yield pictures (H, W, 3) uint8 of the views of a frame, without titles."""
     camera = follow_body(views[0].pose, rate, lens)
-    painter, figures = BodyPainter(camera), [_figure(view) for view in views]
+    painter = BodyPainter(camera)
     for frame in range(len(camera)) if frames is None else frames:
-        yield np.concatenate(
-            [
-                painter.draw(_coloured(figure, view.tracked, frame), figure.balls[frame], camera.eye(frame))
-                for view, figure in zip(views, figures, strict=True)
-            ],
-            axis=1,
-        )
+        drawn = [painter.draw(_mesh(view, frame), camera.eye(frame)) for view in views]
+        yield np.concatenate(drawn, axis=1)
 
 
 def _at(view: View, frames: slice) -> View:
@@ -124,43 +111,46 @@ def _at(view: View, frames: slice) -> View:
     return View(view.title, view.pose[frames], tracked, position)
 
 
-def _figure(view: View) -> _Figure:
+def _mesh(view: View, frame: int) -> Mesh:
+    """Return the posed body or the stick figure of a frame, with parts that are not tracked in red."""
     skeleton = view.pose.skeleton
-    if view.position is None:
-        skin = fit_skin(skeleton)
-        return _Figure(skin, place_skin(skin, view.pose), _nearest_points(skeleton))
-    return _Figure(_stick_skin(skeleton), view.position, np.arange(len(skeleton.points)))
+    if view.position is not None:
+        mesh, point = stick_figure(skeleton, view.position[frame])
+    else:
+        (mesh,) = fit_surface(skeleton).placed(view.pose[frame : frame + 1])
+        point = nearest_points(skeleton)
+    if view.tracked is None:
+        return mesh
+    return replace(mesh, color=np.where(view.tracked[frame, point, None], mesh.color, UNSEEN))
 
 
-@lru_cache(maxsize=8)
-def _stick_skin(skeleton: Skeleton) -> BodySkin:
-    """Return a ball at every point, and a link along every bone."""
-    point = np.arange(len(skeleton.points))
-    link = np.stack([point[1:], np.array(skeleton.parents)[1:]], axis=-1)
-    return BodySkin(
-        joint=point,
-        center=np.zeros((len(point), 3)),
-        radius=np.where(skeleton.wrist_of >= 0, _THIN, _THICK) * skeleton.height / 1.7,
-        link=link,
-        color=np.full(len(link), SHOES),
-        part=np.arange(len(link)),  # each bone is in front of or behind every other
+def stick_figure(skeleton: Skeleton, position: np.ndarray) -> tuple[Mesh, np.ndarray]:
+    """Return round bones between points at (P, 3) m, and the point (V,) that each vertex belongs to."""
+    point = np.arange(1, len(skeleton.points))
+    ends = np.stack([position[np.array(skeleton.parents)[1:]], position[1:]], axis=1)  # (L, 2, 3)
+    radius = np.where(skeleton.wrist_of[1:] >= 0, _THIN, _THICK) * skeleton.height / 1.7
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    axis = np.where(length > 1e-9, along / np.maximum(length, 1e-9), [0.0, 1.0, 0.0])
+    across = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=1)])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    round_ = np.stack([across, np.cross(axis, across)], axis=1)  # (L, 2, 3)
+    angle = np.arange(_AROUND) * (2 * np.pi / _AROUND)
+    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ round_  # (L, A, 3)
+    latitude = np.linspace(0, np.pi / 2, _RINGS)
+    latitude = np.stack([latitude - np.pi / 2, latitude])[:, :, None, None]  # (2, R, 1, 1)
+    normal = np.sin(latitude) * axis[:, None, None, None] + np.cos(latitude) * circle[:, None, None]  # (L, 2, R, A, 3)
+    place = ends[:, :, None, None] + radius[:, None, None, None, None] * normal
+    ring, around = np.arange(2 * _RINGS - 1)[:, None] * _AROUND, np.arange(_AROUND)
+    a, b = ring + around, ring + (around + 1) % _AROUND
+    triangle = np.concatenate(
+        [np.stack([a, b, b + _AROUND], axis=-1), np.stack([a, b + _AROUND, a + _AROUND], axis=-1)]
     )
-
-
-def _coloured(figure: _Figure, tracked: np.ndarray | None, frame: int) -> BodySkin:
-    """Return the skin with links in red whose points are not `tracked` (T, P) in a frame."""
-    if tracked is None:
-        return figure.skin
-    seen = tracked[frame][figure.point][figure.skin.link].all(axis=1)
-    return replace(figure.skin, color=np.where(seen, figure.skin.color, UNSEEN))
-
-
-@lru_cache(maxsize=8)
-def _nearest_points(skeleton: Skeleton) -> np.ndarray:
-    """Return for each ball of the skin (N,) the nearest point in the rest pose: its joint or a child of the joint."""
-    skin, rest = fit_skin(skeleton), skeleton.path @ skeleton.rest_offset
-    place = rest[skin.joint] + skin.center
-    near = np.linalg.norm(place[:, None] - rest, axis=-1)
-    parents = np.array(skeleton.parents)
-    own = (np.arange(len(rest)) == skin.joint[:, None]) | (parents == skin.joint[:, None])
-    return np.where(own, near, np.inf).argmin(axis=1)
+    size = 2 * _RINGS * _AROUND
+    mesh = Mesh(
+        place.reshape(-1, 3),
+        normal.reshape(-1, 3),
+        np.tile(_STICK, (size * len(point), 1)),
+        (np.arange(len(point))[:, None, None] * size + triangle.reshape(-1, 3)).reshape(-1, 3),
+    )
+    return mesh, np.repeat(point, size)

@@ -13,7 +13,7 @@ import numpy as np
 
 from bodysense.body.keypoints import Camera
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skin import fit_skin, place_skin
+from bodysense.body.surface import fit_surface
 from bodysense.devices.video.person import PersonTrack
 from bodysense.devices.video.pictures import Picture
 from bodysense.errors import BodysenseError
@@ -165,7 +165,8 @@ def _painter(width: int, height: int, floor: float, scale: float) -> BodyPainter
 
 def _draw_side_view(size: tuple[int, int], pose: Pose) -> np.ndarray:
     """Return a picture of the body on a floor, from the camera's right."""
-    skeleton, skin = pose.skeleton, fit_skin(pose.skeleton)
+    skeleton = pose.skeleton
     ground = float((skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0])[:, 1].min())
     painter = _painter(*size, ground, skeleton.height / 1.7)
-    return painter.draw(skin, place_skin(skin, pose), painter.camera.eye(0) + pose.root_position * [1, 0, 1])
+    (mesh,) = fit_surface(skeleton).placed(Pose(skeleton, pose.root_position[None], pose.rotation[None]))
+    return painter.draw(mesh, painter.camera.eye(0) + pose.root_position * [1, 0, 1])

@@ -1,4 +1,4 @@
-"""Painter of a shaded body on a floor: each part of the body is drawn as outlines in a few shades, from far to near."""
+"""Painter of shaded meshes on a floor, with the nearest surface in each sample of a pixel."""
 
 from __future__ import annotations
 
@@ -8,16 +8,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.body.skin import COLORS, BodySkin
+from bodysense.body.surface import Mesh
 from bodysense.pictures.camera import FollowingCamera
 
 if TYPE_CHECKING:
     from PIL.Image import Image
 
 _FINE = 2  # samples per pixel, across and down
-_SHADES = ((1.0, 0.72), (0.87, 0.81), (0.74, 0.9), (0.58, 0.98), (0.42, 1.06))  # share of a radius, brightness there
-_LAMP = np.array([-0.35, -0.6])  # offset of the brightest line toward the lamp, across and down, in radii
-_CORNERS = 12  # of an outline, at each end of a link
+_THINNEST = 1e-6  # square samples of twice a triangle's area; thinner ones are not drawn
+_NEAR = 0.05  # m: surfaces that are nearer are drawn at this distance
+# The page's lights (web/src/view/scene.ts) as shares of reflected light: from above, from below, and of lamps, whose
+# directions are in the camera's axes along the floor.
+_FROM_ABOVE, _FROM_BELOW = 0.49, 0.31
+_LAMPS = (
+    (np.array([1.6, 3.4, 2.4]) / np.linalg.norm([1.6, 3.4, 2.4]), 0.67),
+    (np.array([-2.5, 2.6, -3.0]) / np.linalg.norm([-2.5, 2.6, -3.0]), 0.35),
+)
 _SKY, _FLOOR, _LINE = (232, 237, 242), (209, 212, 214), (173, 178, 184)
 _GRID, _LINE_WIDTH = 0.5, 0.012  # m
 _CELL, _CELLS = 0.04, 96  # m and number of a shadow's cells each way
@@ -30,36 +36,39 @@ class BodyPainter:
 
     camera: FollowingCamera
 
-    def draw(self, skin: BodySkin, balls: np.ndarray, eye: np.ndarray) -> np.ndarray:
-        """Return a picture (H, W, 3) uint8 of a body.
+    def draw(self, mesh: Mesh, eye: np.ndarray) -> np.ndarray:
+        """Return a picture (H, W, 3) uint8 of a mesh in the world, seen from `eye` (3,) m (`FollowingCamera.eye`)."""
+        ground = np.asarray(self._ground(mesh, eye))
+        high, wide = ground.shape[:2]
+        x, y, back = ((mesh.position - eye) @ self.camera.axes).astype(np.float32).T
+        depth = np.maximum(-back, np.float32(_NEAR))
+        focus = np.float32(self.camera.focal_length * high * _FINE)
+        place = np.stack([wide * _FINE / 2 + focus * x / depth, high * _FINE / 2 - focus * y / depth], axis=-1)
+        light = mesh.color * self._light(mesh.normal)[:, None]
+        first = np.clip(np.floor(place.min(axis=0) / _FINE), 0, [wide, high]).astype(int)
+        last = np.clip(np.ceil(place.max(axis=0) / _FINE), first, [wide, high]).astype(int)
+        size = (int(last[1] - first[1]) * _FINE, int(last[0] - first[0]) * _FINE)
+        color, cover = rasterize(place - (first * _FINE).astype(np.float32), depth, light, mesh.triangle, size)
+        color, cover = _pixel_sums(color), _pixel_sums(cover.astype(np.float32))
+        drawn = np.nonzero(cover)
+        samples = cover[drawn][:, None]
+        share = samples / _FINE**2
+        picture = ground.copy()
+        part = picture[first[1] : last[1], first[0] : last[0]]
+        part[drawn] = np.round(255 * _srgb(color[drawn] / samples) * share + part[drawn] * (1 - share))
+        return picture
 
-        Its balls are at (N, 3) m, and the camera at `eye` (3,) m (`FollowingCamera.eye`), both in the world.
-        """
-        from PIL import Image, ImageDraw
+    def _light(self, normal: np.ndarray) -> np.ndarray:
+        """Return how much light (V,) surfaces with unit normals (V, 3) reflect."""
+        toward = self.camera.axes[:, 2] * [1.0, 0.0, 1.0]
+        back = toward / np.linalg.norm(toward)
+        turn = np.stack([[back[2], 0.0, -back[0]], [0.0, 1.0, 0.0], back], axis=1)
+        light = (_FROM_ABOVE + _FROM_BELOW) / 2 + (_FROM_ABOVE - _FROM_BELOW) / 2 * normal[:, 1]
+        for lamp, bright in _LAMPS:
+            light = light + bright * np.maximum(normal @ (turn @ lamp), 0)
+        return light.astype(np.float32)
 
-        ground = self._ground(skin, balls, eye)
-        picture = ground.resize((ground.width * _FINE, ground.height * _FINE), Image.Resampling.NEAREST)
-        pen = ImageDraw.Draw(picture)
-        x, y, back = ((balls - eye) @ self.camera.axes).T
-        depth = np.maximum(-back, 2 * skin.radius)  # balls that touch the camera are drawn too far away
-        focus = self.camera.focal_length * picture.height
-        middle = np.stack([picture.width / 2 + focus * x / depth, picture.height / 2 - focus * y / depth], axis=-1)
-        radius = focus * skin.radius / depth
-        outlines = [
-            _outlines(skin, middle + (1 - share) * radius[:, None] * _LAMP, share * radius) for share, _ in _SHADES
-        ]
-        colors = np.round(255 * np.clip([COLORS[skin.color] * light for _, light in _SHADES], 0, 1)).astype(int)
-        behind = np.bincount(skin.part, depth[skin.link].mean(axis=1)) / np.maximum(np.bincount(skin.part), 1)
-        # Colours have a fixed order within a part. Sorted by depth, shirt and trousers would flicker.
-        order = np.lexsort((-skin.color, -behind[skin.part]))
-        group = (skin.part * len(COLORS) + skin.color)[order]
-        for links in np.split(order, np.flatnonzero(np.diff(group)) + 1):
-            for outline, color in zip(outlines, colors, strict=True):
-                for link in links:
-                    pen.polygon(outline[link].ravel().tolist(), fill=tuple(color[link].tolist()))
-        return np.asarray(picture.reduce(_FINE))
-
-    def _ground(self, skin: BodySkin, balls: np.ndarray, eye: np.ndarray) -> Image:
+    def _ground(self, mesh: Mesh, eye: np.ndarray) -> Image:
         """Draw the sky, and the floor with its lines and the shadow of the body."""
         from PIL import Image
 
@@ -68,7 +77,7 @@ class BodyPainter:
         line = ((_LINE_WIDTH / 2 + pixel / 2 - beside) / pixel).clip(0, 1).max(axis=0)
         picture = Image.new("RGB", sky.size, _FLOOR)
         picture.paste(_LINE, mask=Image.fromarray((255 * line).astype(np.uint8)))
-        picture.paste((0, 0, 0), mask=self._shadow(skin, balls, eye))
+        picture.paste((0, 0, 0), mask=self._shadow(mesh, eye))
         picture.paste(_SKY, mask=sky)
         return picture
 
@@ -88,21 +97,21 @@ class BodyPainter:
         sky = (255 * np.clip((reach - 5) / 9, 0, 1)).astype(np.uint8)
         return place.astype(np.float32), pixel.clip(1e-4).astype(np.float32), Image.fromarray(sky)
 
-    def _shadow(self, skin: BodySkin, balls: np.ndarray, eye: np.ndarray) -> Image:
-        """Draw the shadow of the body on the floor, as a mask: soft, and darker near contact.
+    def _shadow(self, mesh: Mesh, eye: np.ndarray) -> Image:
+        """Draw the shadow of the mesh on the floor, as a mask: soft, and darker near contact.
 
-        The shadow is drawn from above, the highest links first, and then projected into the picture.
+        The shadow is drawn from above, in cells of the floor, and then projected into the picture.
         """
-        from PIL import Image, ImageDraw, ImageFilter
+        from PIL import Image, ImageFilter
 
-        above = Image.new("L", (_CELLS, _CELLS))
-        pen = ImageDraw.Draw(above)
-        corner = balls[:, [0, 2]].mean(axis=0) - _CELL * _CELLS / 2
-        height = (balls[:, 1] - self.camera.floor).clip(0)[skin.link].mean(axis=1)
-        outlines = _outlines(skin, (balls[:, [0, 2]] - corner) / _CELL, skin.radius / _CELL)
-        dark = 255 * _SHADOW_DEPTH * np.exp(-height / _SHADOW_HEIGHT)
-        for link in np.argsort(dark):
-            pen.polygon(outlines[link].ravel().tolist(), fill=int(dark[link]))
+        position = mesh.position
+        corner = position[:, [0, 2]].mean(axis=0) - _CELL * _CELLS / 2
+        column, row = np.floor((position[:, [0, 2]] - corner) / _CELL).astype(int).T
+        inside = (column >= 0) & (column < _CELLS) & (row >= 0) & (row < _CELLS)
+        dark = 255 * _SHADOW_DEPTH * np.exp(-(position[:, 1] - self.camera.floor).clip(0) / _SHADOW_HEIGHT)
+        cells = np.zeros((_CELLS, _CELLS), np.uint8)
+        np.maximum.at(cells, (row[inside], column[inside]), dark[inside].astype(np.uint8))
+        above = Image.fromarray(cells)
         above = above.filter(ImageFilter.GaussianBlur(_SHADOW_BLUR / _CELL))
         high, wide = self.camera.lens.height, self.camera.lens.width
         focus = self.camera.focal_length * high
@@ -115,17 +124,63 @@ class BodyPainter:
         return above.transform((wide, high), Image.Transform.PERSPECTIVE, homography, Image.Resampling.BILINEAR)
 
 
-def _outlines(skin: BodySkin, middle: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Return the corners (L, 2 * _CORNERS, 2) of the hulls of links whose balls are discs with middles (N, 2)."""
-    (first, second), size = middle[skin.link].swapaxes(0, 1), radius[skin.link]
-    along = second - first
-    # The tangents touch both discs at this angle from the axis.
-    length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
-    touch = np.arccos(np.clip((size[:, 0] - size[:, 1]) / length, -1, 1))[:, None]
-    share = np.linspace(0, 1, _CORNERS)
-    angle = np.concatenate([touch + share * 2 * (np.pi - touch), (2 * share - 1) * touch], axis=1)
-    angle += np.arctan2(along[:, 1], along[:, 0])[:, None]
-    reach = np.repeat(size, _CORNERS, axis=1)[..., None]
-    return np.repeat(np.stack([first, second], axis=1), _CORNERS, axis=1) + reach * np.stack(
-        [np.cos(angle), np.sin(angle)], axis=-1
-    )
+def rasterize(
+    place: np.ndarray, depth: np.ndarray, color: np.ndarray, triangle: np.ndarray, size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return colours (H, W, 3) and covers (H, W) of the nearest triangles in a picture of a size (H, W).
+
+    Args:
+        place: (V, 2) of vertices in the picture, across and down, in pixels.
+        depth: (V,) m.
+        color: (V, 3).
+        triangle: (F, 3) vertices; triangles that are clockwise in the picture face away and are not drawn.
+    """
+    high, wide = size
+    nearest = np.full(high * wide, np.inf, np.float32)
+    image = np.zeros((high * wide, 3), np.float32)
+    place, depth = place.astype(np.float32), depth.astype(np.float32)
+    zero, one, two = (place[triangle[:, k]] for k in range(3))  # (F, 2) each
+    area = (one[:, 0] - zero[:, 0]) * (two[:, 1] - zero[:, 1]) - (one[:, 1] - zero[:, 1]) * (two[:, 0] - zero[:, 0])
+    front = np.flatnonzero(area < -_THINNEST)
+    zero, one, two = zero[front], one[front], two[front]
+    first = np.ceil(np.minimum(np.minimum(zero, one), two) - 0.5).clip(0).astype(np.int32)
+    last = np.floor(np.maximum(np.maximum(zero, one), two) - 0.5).astype(np.int32)
+    extent = np.minimum(last, np.array([wide - 1, high - 1], np.int32)) - first + 1  # pixels, across and down
+    shown = np.flatnonzero((extent[:, 0] > 0) & (extent[:, 1] > 0))
+    first, extent, zero = first[shown], extent[shown], zero[shown]
+    one, two, area, corners = one[shown] - zero, two[shown] - zero, area[front[shown]], triangle[front[shown]]
+    # The shares of the second and the third corner are linear in the picture.
+    second_step = np.stack([two[:, 1], -two[:, 0]], axis=1) / area[:, None]
+    third_step = np.stack([-one[:, 1], one[:, 0]], axis=1) / area[:, None]
+    begin = first.astype(np.float32) + np.float32(0.5) - zero
+    second_begin, third_begin = (begin * second_step).sum(axis=1), (begin * third_step).sum(axis=1)
+    count = extent[:, 0] * extent[:, 1]
+    owner = np.repeat(np.arange(len(shown), dtype=np.int32), count)
+    step = np.arange(len(owner), dtype=np.int32) - np.repeat((np.cumsum(count) - count).astype(np.int32), count)
+    down, across = np.divmod(step, extent[owner, 0])
+    right, below = across.astype(np.float32), down.astype(np.float32)
+    second = second_begin[owner] + second_step[owner, 0] * right + second_step[owner, 1] * below
+    third = third_begin[owner] + third_step[owner, 0] * right + third_step[owner, 1] * below
+    hit = np.flatnonzero((second >= 0) & (third >= 0) & (second + third <= 1))
+    owner, second, third = owner[hit], second[hit], third[hit]
+    pixel = (first[owner, 1] + down[hit]) * wide + first[owner, 0] + across[hit]
+    far = depth[corners]
+    there = far[owner, 0] + second * (far[:, 1] - far[:, 0])[owner] + third * (far[:, 2] - far[:, 0])[owner]
+    np.minimum.at(nearest, pixel, there)
+    won = np.flatnonzero(there == nearest[pixel])
+    owner, pixel, second, third = corners[owner[won]], pixel[won], second[won, None], third[won, None]
+    a, b, c = (color[owner[:, k]] for k in range(3))
+    image[pixel] = a + second * (b - a) + third * (c - a)
+    return image.reshape(high, wide, 3), np.isfinite(nearest).reshape(high, wide)
+
+
+def _pixel_sums(samples: np.ndarray) -> np.ndarray:
+    """Return the sums (H, W, …) of the samples (_FINE * H, _FINE * W, …) of each pixel."""
+    parts = [samples[row::_FINE, column::_FINE] for row in range(_FINE) for column in range(_FINE)]
+    return np.sum(parts, axis=0)
+
+
+def _srgb(linear: np.ndarray) -> np.ndarray:
+    """Return sRGB values of linear light, 0 to 1."""
+    light = np.clip(linear, 0, 1)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** np.float32(1 / 2.4) - 0.055)

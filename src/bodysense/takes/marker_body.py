@@ -11,10 +11,12 @@ from __future__ import annotations
 import ctypes
 from dataclasses import replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.body.pose import Pose
+from bodysense.body.pose import Pose, standing_pose
+from bodysense.body.skeleton import ARM
 from bodysense.files import load_library
 from bodysense.geometry import gaps
 from bodysense.geometry.rotation import (
@@ -24,8 +26,10 @@ from bodysense.geometry.rotation import (
     quaternion_log,
     quaternion_multiply,
 )
+from bodysense.observing.observation import Observation
+from bodysense.observing.points import observed_points
 from bodysense.takes.filling import TRUST
-from bodysense.takes.fitting import Trunk
+from bodysense.takes.fitting import Trunk, fit_hips
 from bodysense.takes.worn_markers import (
     ROOT,
     TURN,
@@ -35,12 +39,63 @@ from bodysense.takes.worn_markers import (
     fit_worn_markers,
 )
 
+if TYPE_CHECKING:
+    from bodysense.sources.open import MarkerSource
+
 Array = np.ndarray
 HIDDEN_TURN = 0.1  # rad; deviation of a joint with hidden markers from the bridge over the gap
 DETERMINED = 3  # markers that determine a joint's rotation
 RATE = 30.0  # Hz; at higher rates, corrections of the tracker's poses are interpolated between fitted frames
 _STEPS = 3  # Gauss-Newton steps of a pose
+_FADED = 1.0  # s; a frame's markers change the hips of no frame that is farther away
+_HIPS_AT_ONCE = 1000  # frames whose hips are fitted at once
 _BLOCK = 64  # frames that are solved at once, in the processor's cache
+
+
+def fit_to_markers(
+    pose: Pose, observation: Observation, markers: MarkerSource, interval: float, *, is_known: bool
+) -> Pose:
+    """Fit the pose of a body of markers to its hips, unless the head is more certain, and let unknown arms hang.
+
+    The tracker keeps the head at its measured position. If that is a guess, pelvis and legs would be lifted. It was
+    not trained on markers of legs alone, for which it would raise the arms. Then the pose, and the bones unless they
+    are known, are fitted to markers on the skin.
+    """
+    points, _, measured, turned = observed_points(observation, pose.skeleton)
+    if _hips_are_surest(observation):
+        beside = round(_FADED / interval)
+        root, rotation = np.zeros_like(pose.root_position), np.zeros_like(pose.rotation)
+        for first in range(0, len(root), _HIPS_AT_ONCE):
+            start, end = max(first - beside, 0), min(first + _HIPS_AT_ONCE, len(root))
+            near = slice(start, end + beside)
+            fitted = fit_hips(pose[near], points[near], measured[near], turned[near], interval)[first - start :]
+            root[first:end], rotation[first:end] = fitted.root_position[: end - first], fitted.rotation[: end - first]
+        pose = Pose(pose.skeleton, root, rotation)
+    if markers.found is not None and markers.found.arms_hang:
+        rotation, skeleton = np.array(pose.rotation), pose.skeleton
+        arms = skeleton.indices([f"{side}_{part}" for side in ("left", "right") for part in ARM])
+        rotation[:, arms] = standing_pose(skeleton).rotation[arms]
+        pose = replace(pose, rotation=rotation)
+    if markers.found is None or markers.found.layout is None or not markers.found.layout.is_on_skin:
+        return pose
+    raw, columns = markers.found.raw, list(markers.found.layout.columns.values())
+    accuracy = np.median(observation.accuracy, axis=0)
+    seen = SeenMarkers(
+        markers.found.world.to_ours(raw.position[:, columns]), observation.points, observation.position, accuracy
+    )
+    return fit_markers(pose, seen, interval, is_known=is_known)
+
+
+def _hips_are_surest(observation: Observation) -> bool:
+    """Whether the hips of markers are at least as certain as the head."""
+    error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
+    return {"head", "left_hip", "right_hip"} <= set(error) and bool(error["head"] >= error["left_hip"])
+
+
+def is_fitted(observation: Observation, markers: MarkerSource) -> bool:
+    """Whether the body is fitted to markers on the skin in every frame, hips first (`fit_to_markers`)."""
+    layout = None if markers.found is None else markers.found.layout
+    return layout is not None and layout.is_on_skin and _hips_are_surest(observation)
 
 
 def fit_markers(pose: Pose, seen: SeenMarkers, seconds: float, *, is_known: bool) -> Pose:

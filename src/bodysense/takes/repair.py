@@ -141,7 +141,11 @@ def _edited(take: Take, defects: Sequence[Defect]) -> Take:
         if name in skeleton.joints:
             where[:, joint] = changed[:, skeleton.index(name)]
     rotation = with_world_rotations(rig, take.file.rotation, rig.world(pose), where)
-    return replace(take, clip=replace(clip, pose=pose), file=take.file.with_rotation(rotation, where))
+    return replace(
+        take,
+        clip=replace(clip, pose=pose),
+        file=take.file.with_rotation(dict(enumerate(np.moveaxis(rotation, 1, 0))), where),
+    )
 
 
 def _unswapped(pose: Pose, defect: Defect, changed: np.ndarray) -> Pose:

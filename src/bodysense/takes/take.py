@@ -15,8 +15,7 @@ import numpy as np
 
 from bodysense.body.hands.hand import glove_hands
 from bodysense.body.person import Person
-from bodysense.body.pose import Pose, forward_kinematics, standing_pose
-from bodysense.body.skeleton import ARM
+from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_to_matrix
@@ -24,15 +23,14 @@ from bodysense.io.clip import Clip
 from bodysense.io.markers.options import is_marker_file
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.resample import at_constant_rate
+from bodysense.io.rigs.figure import blocks_of
 from bodysense.observing.observation import Observation, check_world
 from bodysense.observing.points import concatenated_frames, observed_points
 from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.sources.signals import Signal, check_size, refuse, signal_from
-from bodysense.takes.fitting import fit_hips
-from bodysense.takes.marker_body import fit_markers
+from bodysense.takes.marker_body import fit_to_markers, is_fitted
 from bodysense.takes.thinning import at_all_frames, kept_frames
-from bodysense.takes.two_way import complete_both_ways, concatenate_estimates
-from bodysense.takes.worn_markers import SeenMarkers
+from bodysense.takes.two_way import Frames, concatenate_estimates, start_of_take, windows_both_ways
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import CompletionModel
 from bodysense.tracking.tracker import Tracker, TrackerSettings
@@ -45,7 +43,6 @@ if TYPE_CHECKING:
 ANCHORS = ("head", "pelvis")  # points that keep their measured position if proportions change, in order of preference
 _FRAMES = 60  # frames in one call, between two reports of progress
 _BLOCK = 1000  # frames that are computed at once
-_FADED = 1.0  # s; a frame's markers change the fit of no frame that is farther away
 _USUAL_RATE = 30.0  # Hz, assumed for a single frame
 
 
@@ -103,18 +100,8 @@ class Take:
             rig = SOURCE if path.suffix.lower() == kind and not self.clip.lacks else OWN
         check_rig(path, rig, self.source)
         if rig == SOURCE and self.file is not None:
-            is_whole = self.partial is not None and self.partial.is_whole
-            if is_whole and (given := self.reading.for_the_world()):
-                raise BodysenseError(
-                    f"{self.source}: nothing is missing, and its own rig keeps the file's size and axes, so "
-                    f"{', '.join(given)} would change nothing; leave that out, or write it with --rig bodysense"
-                )
-            if self.reading.height is not None:
-                raise BodysenseError(
-                    f"{self.source}: its own rig keeps the file's size, so --height {self.reading.height:g} would not "
-                    "change the body's; leave that out, or write it with --rig bodysense"
-                )
-            self.file.write(path)
+            assert self.partial is not None
+            FilledFile(self.file, self.partial, self.person, self.time, self.reading).save(path)
         elif rig == SOURCE and self.source is not None:
             write_on_rig_of(path, self.clip, self.source, self.reading)
         else:
@@ -135,6 +122,42 @@ class Take:
         joint, error = self.estimate.points[:, :count], self.estimate.confidence[:, :count]
         done = fill_markers(world.to_ours(raw.position), joint, rotation, error, raw.frame_rate)
         return replace(done, filled=done.filled & fillable(raw))
+
+
+@dataclass(frozen=True, eq=False)
+class FilledFile:
+    """A BVH or FBX file with filled holes, without the estimate behind it: that of an hour is 4 GB."""
+
+    file: JointFile
+    partial: PartialMotion  # the motion whose holes were filled, with the pose of its first frame alone
+    person: Person
+    time: np.ndarray  # (T,) s of the frames
+    reading: ReadingOptions = AS_FOUND
+    markers: None = None
+
+    @property
+    def clip(self) -> Clip:
+        """The first frame of the motion, on our joints."""
+        return self.partial.clip
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Doubts about the file."""
+        return self.partial.clip.warnings
+
+    def save(self, path: str | Path, rig: str | Path | None = None) -> None:
+        """Write the file, on its own rig. Raises BodysenseError for options that would not change it."""
+        if self.partial.is_whole and (given := self.reading.for_the_world()):
+            raise BodysenseError(
+                f"{self.file.path}: nothing is missing, and its own rig keeps the file's size and axes, so "
+                f"{', '.join(given)} would change nothing; leave that out, or write it with --rig bodysense"
+            )
+        if self.reading.height is not None:
+            raise BodysenseError(
+                f"{self.file.path}: its own rig keeps the file's size, so --height {self.reading.height:g} would not "
+                "change the body's; leave that out, or write it with --rig bodysense"
+            )
+        self.file.write(path)
 
 
 def check_marker_output(path: Path, markers: MarkerSource | None, rig: str | Path | None = None) -> None:
@@ -236,17 +259,86 @@ class Completion:
 
 def fill_take(partial: PartialMotion, completion: Completion) -> Take:
     """Fill the holes of a motion."""
-    from bodysense.takes.filling import check_causal, fill_motion, known_points, pose_of, with_missing_limbs
+    from bodysense.takes.filling import whole_pose
 
-    clip = partial.clip
-    if completion.causal:
-        check_causal(partial)
-    take = _track_signal(Signal(clip.name, known_points(partial), Person(clip.pose.skeleton)), completion)
-    partial = with_missing_limbs(partial, take.estimate.pose)
-    rotation = fill_motion(partial, take.estimate, completion.settings.floor, causal=completion.causal)
-    file = None if partial.file is None else partial.file.with_rotation(rotation, partial.missing)
-    whole = clip if partial.is_whole else replace(clip, pose=pose_of(partial, rotation))
-    return replace(take, clip=whole, partial=partial, file=file, remarks=(*clip.warnings, *take.remarks))
+    clip, person = partial.clip, Person(partial.clip.pose.skeleton)
+    filling = _Filling(partial, completion)
+    estimate = concatenate_estimates(filling.windows(), len(clip), person.skeleton.rest_offset)
+    partial, filled = filling.filled()
+    file = None if partial.file is None else partial.file.with_rotation(filled, partial.missing)
+    whole = clip if partial.is_whole else replace(clip, pose=whole_pose(partial, filled))
+    return Take(whole, estimate, person, clip.time, partial=partial, file=file, remarks=clip.warnings)
+
+
+def fill_file(
+    opened: MotionSource, missing: str | Sequence[str], rig: str | None, completion: Completion
+) -> Take | FilledFile:
+    """Fill the holes of a BVH or FBX file, to be written on its own rig, in memory for windows of it.
+
+    Without a `rig`, a body without legs, arms or head is completed to a whole Take: it is written on our joints.
+    Raises BodysenseError as `track` does.
+    """
+    try:
+        partial = opened.with_holes(missing)
+        if rig is None and partial.clip.lacks:
+            return replace(fill_take(partial, completion), source=opened.joint_file, reading=opened.options)
+        filling = _Filling(partial, completion)
+        filling.run()
+        partial, filled = filling.filled()
+    except BodysenseError:
+        check_size(opened)
+        raise
+    file, gone, time, person = partial.file, partial.missing, partial.clip.time, Person(partial.clip.pose.skeleton)
+    assert file is not None
+    # The poses of an hour are as large as its numbers, of which there will be two copies.
+    partial = replace(partial, clip=replace(partial.clip, pose=partial.clip.pose[[0]]), trunk={}, file=None)
+    del filling
+    return FilledFile(file.with_rotation(filled, gone), partial, person, time, opened.options)
+
+
+class _Filling:
+    """The work of filling a motion, which keeps what the holes need of each completed window."""
+
+    def __init__(self, partial: PartialMotion, completion: Completion) -> None:
+        from bodysense.takes.filling import check_causal, holed_joints, missing_limbs
+
+        if completion.causal:
+            check_causal(partial)
+        frames, self.partial, self.completion = len(partial.clip), partial, completion
+        self.limbs = missing_limbs(partial.clip, partial.rig)
+        self.guessed = {joint: np.empty((frames, 4)) for joint in holed_joints(partial)}
+        self.limb_rotation, self.contact = np.empty((frames, len(self.limbs), 4)), np.empty((frames, 4))
+
+    def run(self) -> None:
+        """Complete the motion; only what its holes need is kept."""
+        for _ in self.windows():
+            pass
+
+    def windows(self) -> Iterator[Estimate]:
+        """Complete the motion and yield its windows."""
+        from bodysense.takes.filling import KnownPoints, guessed_rotations
+
+        known, settings, done = KnownPoints(self.partial), self.completion.settings, 0
+        interval = _interval(known, settings)
+        _check_height(known, settings.floor)
+        parts, _ = _completed_windows(known, Person(self.partial.clip.pose.skeleton), self.completion, interval)
+        for part in parts:
+            frames = slice(done, done + len(part.contact))
+            for joint, turns in guessed_rotations(self.partial, part.pose).items():
+                self.guessed[joint][frames] = turns
+            self.limb_rotation[frames] = part.pose.rotation[:, self.limbs]
+            self.contact[frames], done = part.contact, frames.stop
+            yield part
+
+    def filled(self) -> tuple[PartialMotion, dict[int, np.ndarray]]:
+        """Return the motion with the limbs that it lacks, and rotations (T, 4) of its joints with holes."""
+        from bodysense.takes.filling import fill_rotations, hold_filled_feet, with_missing_limbs
+
+        partial, causal, floor = self.partial, self.completion.causal, self.completion.settings.floor
+        if self.limbs:
+            partial = with_missing_limbs(partial, self.limb_rotation)
+        filled = fill_rotations(partial, self.guessed, causal=causal)
+        return partial, hold_filled_feet(partial, filled, self.contact, floor, causal=causal)
 
 
 def _track_signal(signal: Signal, completion: Completion, markers: MarkerSource | None = None) -> Take:
@@ -255,7 +347,7 @@ def _track_signal(signal: Signal, completion: Completion, markers: MarkerSource 
     _check_height(observation, settings.floor)
     if not signal.infer:
         completion = replace(completion, settings=replace(settings, infer=False))
-    if markers is not None and not completion.causal and _is_fitted(observation, markers):
+    if markers is not None and not completion.causal and is_fitted(observation, markers):
         kept = kept_frames(observation.time, interval, settings.longest_gap)
         tracked = observation[kept]
         estimate, believed = _complete(tracked, signal.person, completion, _interval(tracked, settings))
@@ -264,7 +356,7 @@ def _track_signal(signal: Signal, completion: Completion, markers: MarkerSource 
         estimate, believed = _complete(observation, signal.person, completion, interval)
     pose = pose_on(estimate, believed)
     if markers is not None and not completion.causal:
-        fitted = _fit_to_markers(pose, observation, markers, interval, is_known=signal.person.is_known)
+        fitted = fit_to_markers(pose, observation, markers, interval, is_known=signal.person.is_known)
         if fitted is not pose:
             pose, estimate = fitted, _with_pose(estimate, fitted, observation)
             believed = believed if fitted.skeleton is believed.skeleton else believed.with_skeleton(fitted.skeleton)
@@ -283,52 +375,6 @@ def _height_warnings(known: Person, believed: Person) -> tuple[str, ...]:
         f"the head is higher than a height of {known.height.value:.2f} m allows: the height is inferred instead, "
         f"{believed.stature:.2f} m; give another height or none",
     )
-
-
-def _fit_to_markers(
-    pose: Pose, observation: Observation, markers: MarkerSource, interval: float, *, is_known: bool
-) -> Pose:
-    """Fit the pose of a body of markers to its hips, unless the head is more certain, and let unknown arms hang.
-
-    The tracker keeps the head at its measured position. If that is a guess, pelvis and legs would be lifted. It was
-    not trained on markers of legs alone, for which it would raise the arms. Then the pose, and the bones unless they
-    are known, are fitted to markers on the skin.
-    """
-    points, _, measured, turned = observed_points(observation, pose.skeleton)
-    if _hips_are_surest(observation):
-        beside = round(_FADED / interval)
-        root, rotation = np.zeros_like(pose.root_position), np.zeros_like(pose.rotation)
-        for first in range(0, len(root), _BLOCK):
-            start, end = max(first - beside, 0), min(first + _BLOCK, len(root))
-            near = slice(start, end + beside)
-            fitted = fit_hips(pose[near], points[near], measured[near], turned[near], interval)[first - start :]
-            root[first:end], rotation[first:end] = fitted.root_position[: end - first], fitted.rotation[: end - first]
-        pose = Pose(pose.skeleton, root, rotation)
-    if markers.found is not None and markers.found.arms_hang:
-        rotation, skeleton = np.array(pose.rotation), pose.skeleton
-        arms = skeleton.indices([f"{side}_{part}" for side in ("left", "right") for part in ARM])
-        rotation[:, arms] = standing_pose(skeleton).rotation[arms]
-        pose = replace(pose, rotation=rotation)
-    if markers.found is None or markers.found.layout is None or not markers.found.layout.is_on_skin:
-        return pose
-    raw, columns = markers.found.raw, list(markers.found.layout.columns.values())
-    accuracy = np.median(observation.accuracy, axis=0)
-    seen = SeenMarkers(
-        markers.found.world.to_ours(raw.position[:, columns]), observation.points, observation.position, accuracy
-    )
-    return fit_markers(pose, seen, interval, is_known=is_known)
-
-
-def _hips_are_surest(observation: Observation) -> bool:
-    """Whether the hips of markers are at least as certain as the head."""
-    error = dict(zip(observation.points, np.median(observation.accuracy, axis=0), strict=True))
-    return {"head", "left_hip", "right_hip"} <= set(error) and bool(error["head"] >= error["left_hip"])
-
-
-def _is_fitted(observation: Observation, markers: MarkerSource) -> bool:
-    """Whether the body is fitted to markers on the skin in every frame, hips first (`_fit_to_markers`)."""
-    layout = None if markers.found is None else markers.found.layout
-    return layout is not None and layout.is_on_skin and _hips_are_surest(observation)
 
 
 def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Estimate:
@@ -352,12 +398,26 @@ def _complete(
     observation: Observation, person: Person, completion: Completion, interval: float
 ) -> tuple[Estimate, Person]:
     """Return the completed body, and the person as inferred at the end; if causal, exactly like a live session."""
+    parts, believed = _completed_windows(observation, person, completion, interval)
+    rest = None if completion.causal else believed().skeleton.rest_offset
+    return concatenate_estimates(parts, len(observation), rest), believed()
+
+
+def _completed_windows(
+    observation: Frames, person: Person, completion: Completion, interval: float
+) -> tuple[Iterator[Estimate], Callable[[], Person]]:
+    """Return the completed windows, and a function for the person as inferred when they are done.
+
+    If causal, they are exactly like a live session.
+    """
+    points = observation.points
     if not completion.causal:
-        has_gloves = bool(glove_hands(observation.points))
-        points = concatenated_frames(list(_body_points(observation, person))) if has_gloves else observation
-        return complete_both_ways(points, person, completion.network, completion.settings, interval, completion.advance)
+        body = concatenated_frames(list(_body_points(observation, person))) if glove_hands(points) else observation
+        network, settings = completion.network, completion.settings
+        windows, inferred = windows_both_ways(body, person, network, settings, interval, completion.advance)
+        return windows, lambda: inferred
     tracker = Tracker(person, network=completion.network, settings=completion.settings)
-    state = tracker.start()
+    state = start_of_take(tracker)
 
     def parts() -> Iterator[Estimate]:
         nonlocal state
@@ -368,12 +428,15 @@ def _complete(
             done += len(frames)
             completion.advance(done, len(observation))
 
-    return concatenate_estimates(parts(), len(observation)), state.person()
+    def believed() -> Person:
+        return state.person()
+
+    return parts(), believed
 
 
-def _body_points(observation: Observation, person: Person) -> Iterator[Observation]:
+def _body_points(observation: Frames, person: Person) -> Iterator[Observation]:
     """Yield the points of the body, some frames at a time; markers of gloves become joints of hands."""
-    parts = [observation[k : k + _FRAMES] for k in range(0, len(observation), _FRAMES)]
+    parts = (observation[k : min(k + _FRAMES, len(observation))] for k in range(0, len(observation), _FRAMES))
     if not glove_hands(observation.points):
         yield from parts
         return
@@ -388,7 +451,7 @@ def _body_points(observation: Observation, person: Person) -> Iterator[Observati
         yield joints
 
 
-def _interval(observation: Observation, settings: TrackerSettings) -> float:
+def _interval(observation: Frames, settings: TrackerSettings) -> float:
     """Return the median seconds between frames. Raises BodysenseError if they are too far apart for one motion."""
     if len(observation) < 2:
         return 1 / _USUAL_RATE
@@ -401,12 +464,13 @@ def _interval(observation: Observation, settings: TrackerSettings) -> float:
     return interval
 
 
-def _check_height(observation: Observation, floor: float) -> None:
+def _check_height(observation: Frames, floor: float) -> None:
     """Raise BodysenseError if the head is below the floor."""
     if "head" not in observation.points:
         return
     head = observation.points.index("head")
-    height = observation.position[observation.has_position[:, head], head, 1]
+    blocks = (observation[block] for block in blocks_of(len(observation)))
+    height = np.concatenate([block.position[block.has_position[:, head], head, 1] for block in blocks])
     highest = float(np.percentile(height, 95)) - floor if height.size else 1.0
     if highest < 0:
         raise BodysenseError(

@@ -1,16 +1,17 @@
 """Completion with past and future: a recording is tracked forward and backward in time, and both passes are joined.
 
 one pass infers the person → short gaps are bridged
-→ windows: forward pass, continued from the window before | backward pass, from some seconds later
+→ windows: forward pass, continued from the window before | at the same time, backward pass, from some seconds later
 → joined → limbs fitted to measured points → feet on the floor → crossfade between windows
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.geometry.rotation import mean_rotation, quaternion_exp, quaternion_multiply
 from bodysense.geometry.series import fade_out
+from bodysense.observing.guard import LOOKED
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import observed_points
 from bodysense.takes.bridging import LONGEST, bridge_gaps
@@ -40,6 +42,24 @@ _FRAMES = 60  # frames in one call of the pass that infers the person
 # them, bones of two longer clips of CMU were 5 and 10 mm off in the mean, with all frames 7 and 12 mm.
 _PARTS = 60
 _ARRAYS = ("points", "measured", "confidence", "bound", "contact", "rest_offset")
+
+
+class Frames(Protocol):
+    """A recording (T, P) whose frames are taken a window at a time: an Observation, or what makes it of a motion."""
+
+    @property
+    def points(self) -> tuple[str, ...]:
+        """Names of the points."""
+        ...
+
+    @property
+    def time(self) -> Array:
+        """(T,) s."""
+        ...
+
+    def __len__(self) -> int: ...
+
+    def __getitem__(self, frames: slice, /) -> Observation: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,29 +90,40 @@ class TwoWayTracker:
         self, observation: Observation, seconds: float, advance: Callable[[int], None] = lambda frames: None
     ) -> Estimate:
         """Complete a recording (T, P) with frames `seconds` apart; `advance` gets the number of newly done frames."""
-        ends = np.flatnonzero(np.diff(observation.time) > self.settings.longest_gap) + 1
-        spans = zip([0, *ends.tolist()], [*ends.tolist(), len(observation)], strict=True)
-        parts = (part for a, b in spans for part in self._windows(observation[a:b], seconds, advance))
+        parts = self.windows(observation, seconds, advance)
         return concatenate_estimates(parts, len(observation), self.person.skeleton.rest_offset)
 
-    def _windows(self, observation: Observation, seconds: float, advance: Callable[[int], None]) -> Iterator[Estimate]:
-        """Yield estimates of consecutive frames of a recording without gaps, a window at a time."""
-        frames, size, beside = len(observation), round(WINDOW / seconds), round(BESIDE / seconds)
-        half, state, forward, before = round(FADE / seconds / 2), self.tracker.start(), None, None
+    def windows(
+        self, observation: Frames, seconds: float, advance: Callable[[int], None] = lambda frames: None
+    ) -> Iterator[Estimate]:
+        """Yield the estimates of `complete`, of consecutive frames, a window at a time."""
+        ends = np.flatnonzero(np.diff(observation.time) > self.settings.longest_gap) + 1
+        for begin, end in zip([0, *ends.tolist()], [*ends.tolist(), len(observation)], strict=True):
+            yield from self._windows(observation, range(begin, end), seconds, advance)
+
+    def _windows(
+        self, observation: Frames, span: range, seconds: float, advance: Callable[[int], None]
+    ) -> Iterator[Estimate]:
+        """Yield estimates of a span of frames without a gap in time, a window at a time."""
+        frames, size, beside = len(span), round(WINDOW / seconds), round(BESIDE / seconds)
+        half, state, forward, before = round(FADE / seconds / 2), start_of_take(self.tracker), None, None
         for begin in range(0, frames, size):
             end = begin + size if begin + size + beside < frames else frames
             first, last = max(begin - beside, 0), min(end + beside, frames)
             margin = round(LONGEST / seconds) + 2  # frames around a window that bridging needs
             start = max(first - margin, 0)
-            seen = bridge_gaps(observation[start : last + margin], seconds)[first - start : last - start]
-            forward, state = self._forward(seen, forward, state)
-            joined = self.joined(forward, self.backward(seen), self.turned(seen), seconds)
+            near = observation[span.start + start : span.start + min(last + margin, frames)]
+            seen = bridge_gaps(near, seconds)[first - start : last - start]
+            with ThreadPoolExecutor(1) as beside_forward:  # the core releases the GIL
+                backward = beside_forward.submit(self.backward, seen)
+                forward, state = self._forward(seen, forward, state)
+            joined = self.joined(forward, backward.result(), self.turned(seen), seconds)
             lead = 0 if begin == 0 else half
             part = estimate_frames(joined, slice(begin - lead - first, min(end + half, frames) - first))
             if before is not None:
                 part = crossfade(before, part, 2 * lead)
             stop = len(part.contact) - (2 * half if end < frames else 0)
-            tracked = observation[begin - lead : begin - lead + stop]
+            tracked = near[begin - lead - start : begin - lead - start + stop]
             yield replace(
                 estimate_frames(part, slice(stop)), measured=observed_points(tracked, self.person.skeleton)[2]
             )
@@ -112,7 +143,7 @@ class TwoWayTracker:
 
     def backward(self, observation: Observation) -> Estimate:
         """Return the backward pass, in the order of the frames."""
-        estimate, _ = self.backward_tracker.step(reverse_time(observation), self.backward_tracker.start())
+        estimate, _ = self.backward_tracker.step(reverse_time(observation), start_of_take(self.backward_tracker))
         return estimate_frames(estimate, slice(None, None, -1))
 
     def turned(self, observation: Observation) -> Array:
@@ -187,7 +218,7 @@ class TwoWayTracker:
 
 
 def complete_both_ways(
-    observation: Observation,
+    observation: Frames,
     person: Person,
     network: CompletionModel | None,
     settings: TrackerSettings,
@@ -197,6 +228,26 @@ def complete_both_ways(
     joining: JoiningNetwork | None = None,
 ) -> tuple[Estimate, Person]:
     """Complete a recording (T, P) with past and future; return the estimate and the person as inferred at its end.
+
+    Arguments as for `windows_both_ways`.
+    """
+    parts, person = windows_both_ways(
+        observation, person, network, settings, seconds, advance, backward_network, joining
+    )
+    return concatenate_estimates(parts, len(observation), person.skeleton.rest_offset), person
+
+
+def windows_both_ways(
+    observation: Frames,
+    person: Person,
+    network: CompletionModel | None,
+    settings: TrackerSettings,
+    seconds: float,
+    advance: Callable[[int, int], None] = lambda done, frames: None,
+    backward_network: CompletionModel | None = None,
+    joining: JoiningNetwork | None = None,
+) -> tuple[Iterator[Estimate], Person]:
+    """Yield the completed windows of a recording (T, P); return them and the person as inferred at its end.
 
     Args:
         observation: points of the body, without gloves.
@@ -220,11 +271,17 @@ def complete_both_ways(
     if infers:
         person = infer_person(observation, person, network, settings, advance_by)
     tracker = TwoWayTracker(person, network, settings, backward_network, joining)
-    return tracker.complete(observation, seconds, lambda more: advance_by(2 * more)), person
+    return tracker.windows(observation, seconds, lambda more: advance_by(2 * more)), person
+
+
+def start_of_take(tracker: Tracker) -> TrackerState:
+    """Return the state before the first frame, which looks for no wrong world: a take has no notices of an estimate."""
+    state = tracker.start()
+    return replace(state, guards=(LOOKED,) * len(state.guards))
 
 
 def infer_person(
-    observation: Observation,
+    observation: Frames,
     person: Person,
     network: CompletionModel | None,
     settings: TrackerSettings,
@@ -232,7 +289,7 @@ def infer_person(
 ) -> Person:
     """Infer unknown properties of a person in one pass over all frames, or over parts of a long take."""
     tracker = Tracker(person, network, settings)
-    state, starts = tracker.start(), range(0, len(observation), _FRAMES)
+    state, starts = start_of_take(tracker), range(0, len(observation), _FRAMES)
     for k in sorted({round(place) for place in np.linspace(0, len(starts) - 1, _PARTS).tolist()}):
         first = starts[k]
         part = observation[first : first + _FRAMES]

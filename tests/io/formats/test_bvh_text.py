@@ -86,7 +86,7 @@ def test_only_what_changes_is_written(tmp_path_factory: pytest.TempPathFactory, 
     changed[tuple(np.array(sorted(places)).T)] = True
     turned = np.random.default_rng(seed).normal(size=(3, 3, 4))
     turned /= np.linalg.norm(turned, axis=-1, keepdims=True)
-    result = file.mended.with_rotation(turned, changed)
+    result = file.mended.with_rotation(dict(enumerate(turned.swapaxes(0, 1))), changed)
     for before, after, row in zip(file.mended.lines, result.lines, changed, strict=True):
         fresh = {c for joint in np.flatnonzero(row).tolist() for c in file.columns_of(joint, "rotation")}
         for column, (a, b) in enumerate(zip(before.split(), after.split(), strict=True)):

@@ -14,14 +14,14 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.body.skin import fit_skin, place_skin
+from bodysense.body.surface import fit_surface
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.formats.gltf.vrma import write_vrma
-from bodysense.io.formats.gltf.writer import skin_mesh, write_glb
+from bodysense.io.formats.gltf.writer import write_glb
 from bodysense.io.motion_files import ENDINGS, check_ending, write_motion
 
-TYPES = {5126: "<f4", 5121: "u1", 5125: "<u4"}
+TYPES = {5126: "<f4", 5121: "u1", 5123: "<u2"}
 WIDTH = {"SCALAR": 1, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 
 
@@ -122,37 +122,21 @@ def test_a_glb_file_keeps_every_point(roaming: Clip, tmp_path: Path, height: flo
         assert ((values[1:] * values[:-1]).sum(axis=1) > 0).all()
 
 
-def test_the_skin_moves_with_its_joints(roaming: Clip, tmp_path: Path) -> None:
-    """Skinned by the format's rule, each vertex lies on the ball it was made of, wherever that is now."""
+def test_the_surface_moves_with_its_joints(roaming: Clip, tmp_path: Path) -> None:
+    """Skinned by the format's rule, each vertex is where the drawn surface has it."""
     write_glb(tmp_path / "a.glb", roaming)
     file, frame = read(tmp_path / "a.glb"), 40
     (primitive,) = file.document["meshes"][0]["primitives"]
     position, joint, weight = (file.array(primitive["attributes"][k]) for k in ("POSITION", "JOINTS_0", "WEIGHTS_0"))
-    np.testing.assert_array_equal(weight, np.tile([255, 0, 0, 0], (len(weight), 1)))
+    np.testing.assert_array_equal(weight.sum(axis=1), 255)
     skin = file.document["skins"][0]
     bind = file.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
     found = file.places(roaming.time[frame])
     world = np.array([found[file.document["nodes"][node]["name"]] for node in skin["joints"]])
-    matrix = (world @ bind)[joint[:, 0]]
+    matrix = np.einsum("vk,vkij->vij", weight / 255, (world @ bind)[joint])
     skinned = np.einsum("vij,vj->vi", matrix, np.c_[position, np.ones(len(position))])[:, :3]
-    skin = fit_skin(roaming.pose.skeleton)
-    balls = np.repeat(skin.link.ravel(), len(position) // skin.link.size)
-    distance = np.linalg.norm(skinned - place_skin(skin, roaming.pose[frame])[balls], axis=1)
-    np.testing.assert_allclose(distance, skin.radius[balls], atol=1e-5)
-
-
-def test_the_mesh_is_closed_and_looks_outward() -> None:
-    mesh = skin_mesh(default_skeleton())
-    corners = mesh.position[mesh.triangle]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    outward = np.einsum("fi,fi->f", across, mesh.normal[mesh.triangle].sum(axis=1))
-    assert (outward > -1e-12).all() and (outward > 0).mean() > 0.99
-    np.testing.assert_allclose(np.linalg.norm(mesh.normal, axis=1), 1, atol=1e-12)
-    places = np.unique(mesh.position.round(7), axis=0, return_inverse=True)[1].ravel()[mesh.triangle]
-    edges = np.concatenate([places[:, [0, 1]], places[:, [1, 2]], places[:, [2, 0]]])
-    edges = edges[edges[:, 0] != edges[:, 1]]
-    forward, backward = ({tuple(edge) for edge in some} for some in (edges.tolist(), edges[:, ::-1].tolist()))
-    assert forward == backward
+    (drawn,) = fit_surface(roaming.pose.skeleton).placed(roaming.pose[frame : frame + 1])
+    np.testing.assert_allclose(skinned, drawn.position, atol=2e-5)
 
 
 def test_a_vrm_animation_has_vrms_bones_in_its_t_pose(roaming: Clip, tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ def test_published_shares_are_of_frames_with_one_to_four_hidden() -> None:
 
 
 @pytest.mark.slow
-def test_the_command_writes_table_picture_and_numbers(tmp_path: Path) -> None:
+def test_the_command_writes_table_and_numbers(tmp_path: Path) -> None:
     given = ["evaluate", "gloves-occlusion", "--quick", "--jobs", "1", "--cameras", "3", "--out", str(tmp_path)]
     assert main([*given, "--json", str(tmp_path / "numbers.json")]) == 0
     numbers = json.loads((tmp_path / "numbers.json").read_text())
@@ -105,7 +105,6 @@ def test_the_command_writes_table_picture_and_numbers(tmp_path: Path) -> None:
     with (tmp_path / "gloves-occlusion.csv").open(newline="") as file:
         header, *rows = csv.reader(file)
     assert header[-1] == "published, one hand" and len(rows) == 12
-    assert (tmp_path / "gloves-occlusion.png").stat().st_size > 1000
 
 
 def test_bad_options_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,7 +30,7 @@ LENS = Lens(width=60, height=80)
 
 def reds(picture: np.ndarray) -> int:
     red, green, blue = np.moveaxis(picture.astype(int), -1, 0)
-    return int(((red > 1.5 * green) & (red > 1.5 * blue)).sum())
+    return int(((red > 1.9 * green) & (red > 1.9 * blue)).sum())
 
 
 def fist(pose: Pose, frame: int, side: str, angle: float) -> Pose:

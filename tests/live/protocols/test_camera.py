@@ -139,11 +139,16 @@ def nobody() -> Observation:
 def test_a_covered_lens_is_reported_and_the_person_is_followed_on(
     server_of: Serving, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each state is printed once: a person, a covered lens, an empty room, and a person again."""
+    """Each state is printed once: a person, a covered lens, an empty room, two people, and a person again."""
     states = (
         ("a person is seen", Look(before_the_camera(CURL))),
         ("the picture is black: uncover the lens, or switch a light on", Look(nobody(), is_dark=True)),
         ("nobody is seen", Look(nobody())),
+        (
+            "2 people are seen, one of them is followed; if it is the wrong one, let the others leave the picture for "
+            "a moment",
+            Look(before_the_camera(CURL), people=2),
+        ),
         ("a person is seen", Look(before_the_camera(CURL))),
     )
     lines: list[str] = []

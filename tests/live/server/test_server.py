@@ -9,6 +9,7 @@ import socket
 import struct
 import time
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -197,6 +198,19 @@ def test_a_replay_is_sent_with_its_true_poses(server_of: Serving, connect: Conne
     client.send_message(Replay(playing=True, speed=0.5))
     while not 0.5 <= pose.time < 0.9:
         pose = client.pose()
+
+
+def test_a_doubt_about_the_world_reaches_its_client_and_whoever_watches_later(
+    server: Address, connect: Connecting
+) -> None:
+    client = connect(server)
+    for k in range(4):
+        one = signal(k, 0.6 * k)
+        client.answered(replace(one, position=one.position * 100))
+    said = client.text("said")["text"]
+    assert "unit='cm'" in said
+    follow = Resume(client.welcome["session"], client.welcome["watch_token"])
+    assert connect(server, points=(), follow=follow).text("said")["text"] == said
 
 
 def test_an_input_that_the_server_lacks_cannot_be_watched(server: Address, connect: Connecting) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import ssl
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -40,6 +41,7 @@ class Wearer:
     first: Recentre | Calibrate = Recentre()  # sent to the first connection
     protocols: tuple[str, ...] = (SUBPROTOCOL,)
     pose: bytes = b""  # the last answer
+    secure: ssl.SSLContext | None = None  # of an encrypted connection
 
     def wear(self, address: str, over: threading.Event) -> None:
         resume, sequence = None, 0
@@ -48,7 +50,7 @@ class Wearer:
             with (
                 suppress(OSError, WebSocketException, TimeoutError),
                 self.reasons(),
-                connect(address, subprotocols=protocols, compression=None, open_timeout=1) as client,
+                connect(address, subprotocols=protocols, compression=None, open_timeout=1, ssl=self.secure) as client,
             ):
                 settings = Settings() if resume else self.settings
                 client.send(write_message(Hello(1, self.devices, resume=resume, settings=settings)))

@@ -199,6 +199,25 @@ def test_calibration_measures_the_height() -> None:
     assert one.revision == 1
 
 
+def test_a_world_in_centimetres_is_doubted_once_also_if_the_tracker_is_reset() -> None:
+    one = session(Person())
+    here = frame(0.0)
+    for k in range(60):
+        one.receive(replace(here, time=k / 30, sequence=k, position=here.position * 100), 0.0)
+        one.step()
+        if k == 30:
+            one.reset_clock()
+            one.abandon()
+    notices = [message.text for message in one.take_messages() if isinstance(message, Notice)]
+    assert notices == one.doubts and len(notices) == 1 and "unit='cm'" in notices[0]
+
+
+def test_a_right_world_is_not_doubted() -> None:
+    one = session(Person())
+    play(one, 2.0)
+    assert not [message for message in one.take_messages() if isinstance(message, Notice)] and not one.doubts
+
+
 def test_a_height_that_the_head_contradicts_is_reported_and_then_inferred() -> None:
     one = session(Person(), height=1.5)
     play(one, 1.5)

@@ -13,6 +13,7 @@ import os
 import signal
 import subprocess
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -224,15 +225,27 @@ def swaying_wearer(sequence: int, now: float, phase: float) -> SignalFrame:
 
 
 def rss_mb(process: int) -> float:
-    """Return the memory of a process, MB."""
-    return psutil.Process(process).memory_info().rss / 2**20
+    """Return the memory of a process and of those that it started, MB."""
+    return sum(_of_each(process, lambda one: one.memory_info().rss)) / 2**20
 
 
 def descriptors(process: int) -> int:
-    """Return the number of a process's open files and sockets, without established connections."""
-    server = psutil.Process(process)
-    established = [one for one in server.net_connections("tcp") if one.status == psutil.CONN_ESTABLISHED]
-    return server.num_fds() - len(established)
+    """Return the open files and sockets of a process and of those that it started, without established connections."""
+
+    def kept(one: psutil.Process) -> int:
+        established = [each for each in one.net_connections("tcp") if each.status == psutil.CONN_ESTABLISHED]
+        return one.num_fds() - len(established)
+
+    return sum(_of_each(process, kept))
+
+
+def _of_each(process: int, measure: Callable[[psutil.Process], int]) -> list[int]:
+    """Return a measure of a process and of each that it started, without those that end meanwhile."""
+    server, measured = psutil.Process(process), []
+    for one in (server, *server.children(recursive=True)):
+        with contextlib.suppress(psutil.NoSuchProcess):
+            measured.append(measure(one))
+    return measured
 
 
 def faults(counts: SoakCounts, plan: SoakPlan) -> list[str]:

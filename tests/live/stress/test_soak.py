@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import socket
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import pytest
 
 pytest.importorskip("prometheus_client", reason="needs packages/live")
 from ..conftest import free_port, storing
-from .soak import SoakCounts, SoakPlan, descriptors, faults, soak
+from .soak import SoakCounts, SoakPlan, descriptors, faults, rss_mb, soak
 
 
 def test_what_a_server_keeps_is_a_fault() -> None:
@@ -31,6 +33,18 @@ def test_open_files_are_counted_and_connections_are_not(tmp_path: Path) -> None:
         (tmp_path / "kept").open("w"),
     ):
         assert descriptors(os.getpid()) == before + 2
+
+
+def test_files_and_memory_of_processes_that_a_server_started_are_counted() -> None:
+    files, size = descriptors(os.getpid()), rss_mb(os.getpid())
+    text = "held = [bytearray(b'1') * 2**25, *map(open, ['/dev/null'] * 9)]; print(flush=True); open(0).read()"
+    command = [sys.executable, "-c", text]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout and child.stdin
+        child.stdout.readline()
+        assert descriptors(os.getpid()) >= files + 9
+        assert rss_mb(os.getpid()) > size + 32
+        child.stdin.close()
 
 
 @pytest.mark.slow

@@ -60,7 +60,8 @@ export class View {
   private isRoom = false;
   private look: Look = "light";
 
-  /** `over` lies over the bottom of the canvas where it is fixed, `beside` over its left: the body is clear of both.
+  /** `over` is over the bottom of the canvas where it is fixed, `beside` over its left, and one of `panels` over its right
+   * while it is open: the body is clear of all.
    *
    * `isClear`: see `clear`.
    */
@@ -68,6 +69,7 @@ export class View {
     canvas: HTMLCanvasElement,
     private readonly over: HTMLElement,
     private readonly beside: HTMLElement,
+    private readonly panels: readonly HTMLElement[],
     public isClear = false,
   ) {
     const isFast = (this.isFast = hasGraphicsCard());
@@ -110,7 +112,7 @@ export class View {
     this.reset();
     const sizes = new ResizeObserver(() => this.resize());
     sizes.observe(canvas.parentElement ?? canvas);
-    sizes.observe(over);
+    for (const one of [over, ...panels]) sizes.observe(one);
   }
 
   /** The camera back to its place: before the body, a little to its left. */
@@ -202,12 +204,19 @@ export class View {
     this.isPortrait = width < 0.8 * height;
     const isOver = this.over.clientHeight > 0 && getComputedStyle(this.over).position === "fixed";
     const free = height - (isOver ? Math.min(height - this.over.offsetTop, height / 2) : 0);
-    const { right } = this.beside.getBoundingClientRect();
-    const aside = isOver ? Math.min(Math.max(right + CLEAR - width / 2, 0), width / 8) : 0;
+    const aside = isOver ? this.shift(width) : 0;
     this.camera.aspect = width / free;
     this.camera.setViewOffset(width, free, -aside, 0, width, height); // the picture continues below the free part
     this.renderer.setSize(width, height, false);
     if (wasPortrait !== this.isPortrait) this.reset();
+  }
+
+  /** Pixels by which the body is right of the middle: clear of what is over the left, between that and an open panel. */
+  private shift(width: number): number {
+    const { right } = this.beside.getBoundingClientRect();
+    const clear = Math.min(Math.max(right + CLEAR - width / 2, 0), width / 8);
+    const open = this.panels.find(({ hidden }) => !hidden)?.getBoundingClientRect();
+    return open ? Math.min(clear, (right + open.left - width) / 2) : clear;
   }
 }
 

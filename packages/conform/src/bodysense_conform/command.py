@@ -26,7 +26,7 @@ def add_commands(root: SubcommandApp, data: SubcommandApp) -> None:
 
 
 def conform(
-    source: Annotated[str, tyro.conf.Positional],
+    source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE")],
     script: Path | None = None,
     floor: float | None = None,
     reference: Path | None = None,
@@ -63,6 +63,8 @@ def conform(
             check_place(path)
     if floor is not None and not abs(floor) <= 1000:
         raise BodysenseError(f"--floor {floor:g}: give the floor's height in metres")
+    if not source:
+        raise BodysenseError('SOURCE "": give a file, a folder or a stream, such as vmc:39539')
     if Path(source).is_dir():
         for option, value in {"script": script, "html": html, "reference": reference, "watch": watch}.items():
             if value is not None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +30,44 @@ _MOTION = re.compile(rb"(?:^|\r)[ \t]*MOTION\b", re.MULTILINE | re.IGNORECASE)
 _NOT_A_NUMBER = re.compile(rb"(?<!\S)[-+]?(?:1\.#\w+|nan\(\w*\))", re.IGNORECASE)  # as some compilers write NaN
 _SPACE = re.compile(rb"\s")
 _PART = 1 << 22  # bytes of text that are parsed at once
+_LARGE_TEXT = 1 << 25  # bytes; the text of a larger file is read again when it is written
 _A_RATE = 5.0  # s; a longer frame time is a number of frames a second
 _TIMING = re.compile(rb"(\s*Frames\s*:\s*)(\d{1,12})(\s+Frame\s+Time\s*:\s*)(\S+)(\s*)", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class FrameText:
+    """The text of frames in a file, which is read again when it is written: it is as large as its numbers."""
+
+    path: Path
+    start: int  # byte at which it begins
+    stamp: tuple[int, int]  # size and time of change of the file
+
+    def parts(self) -> Iterator[bytes]:
+        """Yield the text in parts. Raises BodysenseError if the file has changed."""
+        if _stamp(self.path) != self.stamp:
+            raise BodysenseError(f"{self.path}: changed since it was read; run the same command again")
+        with self.path.open("rb") as file:
+            file.seek(self.start)
+            while part := file.read(_PART):
+                yield part
+
+
+def _stamp(path: Path) -> tuple[int, int]:
+    found = path.stat()
+    return found.st_size, found.st_mtime_ns
+
+
+def _lines(text: bytes | FrameText) -> Iterator[bytes]:
+    """Yield the lines of a text that are not blank, with their ends."""
+    rest = b""
+    for part in (text[k : k + _PART] for k in range(0, len(text), _PART)) if isinstance(text, bytes) else text.parts():
+        *whole, rest = (rest + part).splitlines(keepends=True)
+        if rest.endswith(b"\n"):
+            whole, rest = [*whole, rest], b""
+        yield from (_plain(line) for line in whole if line.strip())
+    if rest.strip():
+        yield _plain(rest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,36 +75,45 @@ class BvhFile(JointFile):
     """A BVH file: its joints and motion, and its text."""
 
     head: bytes  # everything before the first frame
-    motion: bytes | None  # the frames; None: read without their text
+    motion: bytes | FrameText  # the frames
+    changed: np.ndarray | None = None  # (T, C) bool: numbers that replace those of the text; None: none
 
-    @cached_property
-    def lines(self) -> tuple[bytes, ...]:
+    @property
+    def lines(self) -> Iterator[bytes]:
         """One line a frame, line ends included; unchanged if the file has one line a frame."""
+        for frame, line in enumerate(self._given_lines()):
+            columns = [] if self.changed is None else np.flatnonzero(self.changed[frame]).tolist()
+            if not columns:
+                yield line
+                continue
+            # Split into words and the space between them, so that unchanged words keep their text.
+            parts = re.split(rb"(\S+)", line)
+            for column in columns:
+                parts[2 * column + 1] = b"%.6f" % self.values[frame, column]
+            yield b"".join(parts)
+
+    def _given_lines(self) -> Iterator[bytes]:
+        """Yield one line a frame of the text."""
         frames, count = self.values.shape
-        assert self.motion is not None
-        lines = [line for line in self.motion.splitlines(keepends=True) if line.strip()]
-        if len(lines) == frames and all(len(line.split()) == count for line in lines):
-            return tuple(lines)
-        words = self.motion.split()
-        return tuple(b" ".join(words[k : k + count]) + b"\n" for k in range(0, frames * count, count))
+        if [len(line.split()) for line in _lines(self.motion)] == [count] * frames:
+            yield from _lines(self.motion)
+            return
+        words = b"".join(_lines(self.motion)).split()
+        yield from (b" ".join(words[k : k + count]) + b"\n" for k in range(0, frames * count, count))
 
     def with_values(self, values: np.ndarray, changed: np.ndarray) -> BvhFile:
-        """Return the file with other numbers (T, C) where `changed` (T, C); the text of all others stays."""
-        self.check_finite(values[changed])
-        lines = list(self.lines)
-        for frame in np.flatnonzero(changed.any(axis=1)):
-            # Split into words and the space between them, so that unchanged words keep their text.
-            parts = re.split(rb"(\S+)", lines[frame])
-            for column in np.flatnonzero(changed[frame]):
-                parts[2 * column + 1] = b"%.6f" % values[frame, column]
-            lines[frame] = b"".join(parts)
-        return replace(self, motion=b"".join(lines), values=np.where(changed, values, self.values))
+        """Return the file with numbers (T, C) that differ where `changed` (T, C); the text of all others stays."""
+        for column in np.flatnonzero(changed.any(axis=0)).tolist():
+            self.check_finite(values[changed[:, column], column])
+        every = changed if self.changed is None else self.changed | changed
+        return replace(self, values=values, changed=every)
 
     def with_frames(self, row: np.ndarray, count: int, frame_rate: float) -> BvhFile:
         """Return the file with `count` frames of one row (C,) of values."""
         head = _TIMING.sub(rb"\g<1>%d\g<3>%.10g\g<5>" % (count, 1 / frame_rate), self.head)
         line = b" ".join(b"%.6f" % value for value in row) + b"\n"
-        return replace(self, head=head, motion=line * count, values=np.tile(row, (count, 1)), frame_rate=frame_rate)
+        values = np.tile(row, (count, 1))
+        return replace(self, head=head, motion=line * count, values=values, changed=None, frame_rate=frame_rate)
 
     def text(self) -> bytes:
         """The whole file."""
@@ -77,8 +121,9 @@ class BvhFile(JointFile):
 
     def write(self, path: str | Path) -> None:
         """Write the file; it appears whole or not at all."""
-        with written_beside(path) as part:
-            part.write_bytes(self.text())
+        with written_beside(path) as part, part.open("wb") as file:
+            file.write(self.head)
+            file.writelines(self.lines)
 
 
 def parse_bvh(data: bytes, path: Path) -> BvhFile:
@@ -87,7 +132,7 @@ def parse_bvh(data: bytes, path: Path) -> BvhFile:
     Raises BodysenseError, naming the file, what is wrong and the fix, for anything that is not such a file, and for
     values that are not numbers.
     """
-    file = _parsed(data, path, keep=False)
+    file = _parsed(data, path, (0, 0))
     if not (good := sound(file.values)).all():
         row, column = (int(k) for k in np.argwhere(~good)[0])
         value = file.values[row, column]
@@ -102,12 +147,15 @@ def parse_bvh(data: bytes, path: Path) -> BvhFile:
 def open_bvh(path: str | Path) -> BvhFile:
     """Read a BVH file, whose values may be missing. Raises as `parse_bvh` for anything else."""
     path = Path(path)
-    file = _parsed(read_bytes(path), path)
+    before = _stamp(path) if path.exists() else (0, 0)
+    data = read_bytes(path)
+    file = _parsed(data, path, before if len(data) > _LARGE_TEXT else None)
+    del data  # as large as its numbers
     return replace(file, values=np.where(sound(file.values), file.values, np.nan))
 
 
-def _parsed(data: bytes, path: Path, *, keep: bool = True) -> BvhFile:
-    """Parse a file's bytes; values may be NaN, infinite or huge. `keep`: with the text of the frames."""
+def _parsed(data: bytes, path: Path, stamp: tuple[int, int] | None = None) -> BvhFile:
+    """Parse a file's bytes; values may be NaN, infinite or huge. `stamp`: the file's, from which text is read again."""
     check_plain(data[:64], path)
     hierarchy = _HIERARCHY.match(data)
     if hierarchy is None:
@@ -148,7 +196,7 @@ def _parsed(data: bytes, path: Path, *, keep: bool = True) -> BvhFile:
     return BvhFile(
         path=path,
         head=head,
-        motion=_plain(data[timing.end() :]) if keep else None,
+        motion=data[timing.end() :] if stamp is None else FrameText(path, timing.end(), stamp),
         tree=tuple(tree),
         nodes=nodes,
         joints=tuple(tree[k].name for k in nodes),

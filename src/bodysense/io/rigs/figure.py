@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from bodysense.body.skeleton import chain_to_root
 from bodysense.geometry.rotation import quaternion_multiply, quaternion_rotate
 from bodysense.io.rigs.names import is_end, is_helper, parts
 
@@ -104,10 +105,7 @@ class Figure:
 
     def above(self, point: int) -> list[int]:
         """Return a point and its ancestors up to the root."""
-        chain = [point]
-        while self.parents[chain[-1]] >= 0:
-            chain.append(self.parents[chain[-1]])
-        return chain
+        return chain_to_root(self.parents, point)
 
     def under(self, top: int) -> list[int]:
         """Return a point and its descendants, parents first."""

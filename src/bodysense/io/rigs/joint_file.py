@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import accumulate
@@ -61,7 +62,7 @@ class JointFile(ABC):
 
     @abstractmethod
     def with_values(self, values: np.ndarray, changed: np.ndarray) -> Self:
-        """Return the file with other numbers (T, C) where `changed` (T, C); everything else is unchanged."""
+        """Return the file with numbers (T, C) that differ from its own only where `changed` (T, C)."""
 
     @abstractmethod
     def with_frames(self, row: np.ndarray, count: int, frame_rate: float) -> Self:
@@ -90,7 +91,7 @@ class JointFile(ABC):
         """Return the axes of a joint's position channels, in their order."""
         return ["XYZ".index(channel[0]) for channel in self.channels[joint] if channel.endswith("position")]
 
-    @cached_property
+    @property
     def has_number(self) -> np.ndarray:
         """(T, J) bool: all channels of a joint are numbers."""
         number = np.isfinite(self.values)
@@ -119,18 +120,18 @@ class JointFile(ABC):
         """(T, J, 4) local rotations of the mended file."""
         return self.rotation_in(slice(None))
 
-    def rotation_in(self, frames: slice | np.ndarray) -> np.ndarray:
-        """Return the local rotations (N, J, 4) of the mended file in some frames."""
-        values = self.mended.values[frames]
-        rotation = np.zeros((len(values), len(self.joints), 4))
+    def rotation_in(self, frames: slice | np.ndarray, joints: Sequence[int] | None = None) -> np.ndarray:
+        """Return the local rotations (N, J, 4) of the mended file in some frames, of all joints or the given ones."""
+        values, chosen = self.mended.values[frames], range(len(self.joints)) if joints is None else joints
+        rotation = np.zeros((len(values), len(chosen), 4))
         rotation[..., 0] = 1
-        for order in {*self.order} - {""}:
-            joints = [joint for joint, axes in enumerate(self.order) if axes == order]
-            columns = [self.columns_of(joint, "rotation") for joint in joints]
+        for order in {self.order[joint] for joint in chosen} - {""}:
+            places = [place for place, joint in enumerate(chosen) if self.order[joint] == order]
+            columns = [self.columns_of(chosen[place], "rotation") for place in places]
             for start in range(0, len(values), _BLOCK):  # in blocks that stay in the processor's cache
                 block = slice(start, start + _BLOCK)
                 angles = np.deg2rad(values[block][:, columns])
-                rotation[block][:, joints] = quaternion_canonical(euler_to_quaternion(angles, order))
+                rotation[block][:, places] = quaternion_canonical(euler_to_quaternion(angles, order))
         return rotation
 
     def place(self, joint: int) -> np.ndarray:
@@ -147,21 +148,21 @@ class JointFile(ABC):
                 values[gone[:, joint], column] = np.nan
         return replace(self, values=values)
 
-    def with_rotation(self, rotation: np.ndarray, changed: np.ndarray) -> Self:
-        """Return the file with other local rotations (T, J, 4) where `changed` (T, J).
+    def with_rotation(self, rotation: Mapping[int, np.ndarray], changed: np.ndarray) -> Self:
+        """Return the file with other local rotations (T, 4) of joints, by index, where `changed` (T, J).
 
         Angles are those nearest to the frame before. A joint with one or two axes gets the nearest possible rotation.
         """
-        values, columns_changed = self.mended.values.copy(), np.zeros(self.values.shape, dtype=bool)
+        values, columns_changed = self.values.copy(), np.zeros(self.values.shape, dtype=bool)
         for joint in np.flatnonzero(changed.any(axis=0)).tolist():
             order, columns, frames = self.order[joint], self.columns_of(joint, "rotation"), changed[:, joint]
             if not order:
                 continue
-            turns = rotation[:, joint]
+            turns = rotation[joint]
             if len(order) == 1:
                 turns = swing_twist(turns, np.eye(3)["XYZ".index(order)])[1]
             for first, end in runs(frames):
-                before = np.deg2rad(values[first - 1, columns]) if first else np.zeros(len(order))
+                before = np.deg2rad(self.mended.values[first - 1, columns]) if first else np.zeros(len(order))
                 values[first:end, columns] = np.rad2deg(euler_near(turns[first:end], order, before))
             columns_changed[:, columns] = frames[:, None]
         return self.with_values(values, columns_changed)

@@ -16,7 +16,7 @@ import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.retarget import transfer_motion
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import Skeleton, chain_to_root, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import (
     normalize,
@@ -47,10 +47,7 @@ class SourceJoints:
 
     def above(self, joint: int) -> list[int]:
         """A joint and those above it, up to the root."""
-        chain = [joint]
-        while self.parents[chain[-1]] >= 0:
-            chain.append(self.parents[chain[-1]])
-        return chain
+        return chain_to_root(self.parents, joint)
 
     @cached_property
     def trunk(self) -> list[int]:
@@ -58,14 +55,19 @@ class SourceJoints:
         shared = set.intersection(*(set(self.above(joint)) for joint in self.ours.values()))
         return sorted(shared, reverse=True)
 
-    def world(self, pose: Pose) -> np.ndarray:
-        """World rotations (T, J, 4) that a pose of ours gives these joints; NaN for those that we do not have."""
-        rotation = np.asarray(forward_kinematics(pose)[1])
-        world = np.full((*rotation.shape[:-2], len(self.joints), 4), np.nan)
-        back = quaternion_conjugate(self.up)
-        for name, joint in self.ours.items():
-            turned = quaternion_multiply(rotation[..., pose.skeleton.index(name), :], self.turn[name])
-            world[..., joint, :] = quaternion_multiply(np.broadcast_to(back, turned.shape), turned)
+    def world(self, pose: Pose, joints: Sequence[int] | None = None) -> np.ndarray:
+        """World rotations (T, J, 4) that a pose of ours gives all or some joints; NaN for those that we do not have."""
+        rotation, chosen = (
+            np.asarray(forward_kinematics(pose)[1]),
+            range(len(self.joints)) if joints is None else joints,
+        )
+        world = np.full((*rotation.shape[:-2], len(chosen), 4), np.nan)
+        back, names = quaternion_conjugate(self.up), {joint: name for name, joint in self.ours.items()}
+        for place, joint in enumerate(chosen):
+            if joint in names:
+                name = names[joint]
+                turned = quaternion_multiply(rotation[..., pose.skeleton.index(name), :], self.turn[name])
+                world[..., place, :] = quaternion_multiply(np.broadcast_to(back, turned.shape), turned)
         return world
 
     def ours_world(self, rotation: np.ndarray) -> dict[str, np.ndarray]:
@@ -186,7 +188,8 @@ def on_rig(file: JointFile, rigged: Rigged, clip: Clip) -> JointFile:
         world[:, joint] = quaternion_multiply(above, local[:, joint])
     blank = file.with_frames(np.median(file.mended.values, axis=0), frames, clip.frame_rate)
     whole = np.ones(local.shape[:2], dtype=bool)
-    turned = blank.with_rotation(np.asarray(quaternion_canonical(local)), whole)
+    local = np.asarray(quaternion_canonical(local))
+    turned = blank.with_rotation({joint: local[:, joint] for joint in range(len(file.joints))}, whole)
     carrier, carried = _carried(file, turned, joints.above(joints.ours[anchor]), rigged.rig.to_file(place), world)
     values, changed = turned.values.copy(), np.zeros(turned.values.shape, dtype=bool)
     columns = file.columns_of(carrier, "position")

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from bodysense.takes.last_known import KNOWN
-from bodysense_lab.core.chart import BarPanel
 from bodysense_lab.core.score_table import ScoreTable
 from bodysense_lab.core.scoring import Tally
 from bodysense_lab.core.tallies import Tallies
@@ -93,5 +92,3 @@ def test_without_networks_our_own_methods_remain(data: DataSet) -> None:
     report = network_report(TABLE_2, {name: one for name, one in scores.items() if name not in TABLES["2"]}, data)
     assert {row[1] for row in report.rows} == set(OWN_NAMES.values())
     assert not [text for text in report.remarks if "GRU" in text]
-    bars = {panel.groups for panel in report.panels if isinstance(panel, BarPanel)}
-    assert bars == {tuple(OWN_NAMES.values())}

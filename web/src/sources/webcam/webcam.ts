@@ -81,7 +81,7 @@ class Webcam implements Source {
     this.guard();
   }
 
-  /** Wait for the webcam if it is unplugged, and go on with it. */
+  /** Wait for the webcam if it is unplugged, and continue once it is back. */
   private guard(): void {
     for (const track of this.stream.getTracks())
       track.onended = () => {

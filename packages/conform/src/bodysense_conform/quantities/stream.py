@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from bodysense_conform.series import Series, change, need
 from bodysense_conform.subject import SIDES, Subject
@@ -59,13 +60,19 @@ def lag(subject: Subject) -> Series:
     found = np.full(len(subject), np.nan)
     for start in range(reach, len(grid) - window - reach, window // 2):
         here = ours[:, start : start + window].ravel()
-        others = (theirs[:, start - k : start - k + window].ravel() for k in range(-reach, reach + 1))
-        alike = [np.corrcoef(here, there)[0, 1] for there in others]
+        others = sliding_window_view(theirs[:, start - reach : start + reach + window], window, axis=1)
+        alike = _correlations(here, others.swapaxes(0, 1)[::-1].reshape(2 * reach + 1, -1))
         best = int(np.nanargmax(alike)) if np.isfinite(alike).any() else 0
         if alike[best] > _ALIKE:
             first, end = np.searchsorted(subject.time, [grid[start], grid[start + window // 2]])
             found[first:end] = 1000 * _EVERY * (best - reach)
     return found
+
+
+def _correlations(one: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return Pearson's correlations (N,) of values (M,) with each row of (N, M)."""
+    one, others = one - one.mean(), others - others.mean(axis=1, keepdims=True)
+    return others @ one / np.sqrt((one @ one) * np.sum(others**2, axis=1))
 
 
 def validity(subject: Subject) -> dict[str, np.ndarray]:

@@ -97,7 +97,7 @@ def video_rendered(
     """PAHMT, Table 3: arms and hands from the pixels of rendered videos, and inverse kinematics of landmarks.
 
     Args:
-        out: folder for the table as CSV and as a picture (PNG).
+        out: folder for the table as CSV.
     """
     from bodysense.devices.video.arms import load_arms
     from bodysense.devices.video.landmarker_files import find_landmarkers

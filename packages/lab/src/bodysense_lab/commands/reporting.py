@@ -85,7 +85,6 @@ def finish(report: Report, table: TableOptions, data: DataSet | None = None) -> 
     from rich.console import Console
 
     from bodysense.cli.show import write_numbers
-    from bodysense_lab.core.chart import draw_panels
     from bodysense_lab.core.table import write_csv
     from bodysense_lab.data.clips import count_clips
 
@@ -94,15 +93,12 @@ def finish(report: Report, table: TableOptions, data: DataSet | None = None) -> 
         console = Console(width=120)
     print_report(report, console)
     rows = table.out / f"{report.name}.csv"
-    picture = table.out / f"{report.name}.png" if report.panels else None
     write_csv(rows, report)
-    if picture is not None:
-        draw_panels(picture, report.panels, report.title)
     sample = {"quick": 1.0} if table.quick else {}
     if table.quick and data is not None:
         sample["clips_in_split"] = float(count_clips(data.path, data.split))
     write_numbers(table.json, report.numbers | sample)
-    for path in (rows, picture, table.json):
+    for path in (rows, table.json):
         if path is not None:
             console.print(f"wrote {path}", highlight=False)
 

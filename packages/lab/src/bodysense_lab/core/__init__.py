@@ -1,1 +1,1 @@
-"""Training, checkpoints, tables and charts, shared by all methods."""
+"""Training, checkpoints and tables, shared by all methods."""

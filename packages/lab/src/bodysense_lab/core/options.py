@@ -128,7 +128,7 @@ class TableOptions:
     jobs: Processes | None = None
     """processes; all processors if omitted"""
     out: Output = Path("bodysense-tables")
-    """folder for the table as CSV and as a picture (PNG)"""
+    """folder for the table as CSV"""
     json: Path | None = None
     """file for the numbers, as one flat object"""
 

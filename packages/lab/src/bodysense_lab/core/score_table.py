@@ -1,7 +1,7 @@
 """Tables of scores: places × methods × figures, next to published figures, from one dictionary of errors.
 
-A `ScoreTable` defines a table of a paper. `score_report` turns it and the scores into rows, numbers, remarks and a
-picture. A *place* is a row of the table, such as a part of the body.
+A `ScoreTable` defines a table of a paper. `score_report` turns it and the scores into rows, numbers and remarks.
+A *place* is a row of the table, such as a part of the body.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from bodysense_lab.core.chart import BarPanel, plain_bars
 from bodysense_lab.core.intervals import NamedFigure
 from bodysense_lab.core.scoring import GROUPS, Measure, Tally, suffix_of
 from bodysense_lab.core.table import Cell, Report, bound_cells, cell, finite, interval_bounds, ordering
@@ -53,7 +52,6 @@ class Published:
 
     headings: tuple[str, ...]
     cells: Mapping[tuple[At, str], Sequence[float | None]]
-    label: str = "published (UNOC)"  # in the picture, whose bars have the first number of each cell
 
 
 @dataclass(frozen=True)
@@ -85,17 +83,6 @@ def claim(text: str, names: Mapping[str, str], place: At, lower: str, *higher: s
 
 
 @dataclass(frozen=True)
-class BarChart:
-    """A panel with bars of one figure."""
-
-    title: str
-    bars: Mapping[str, tuple[At, str]]  # place and method of each bar, by its label
-    measure: str  # label of the vertical axis
-    figure: int = 0  # index of the figure
-    more: tuple[tuple[str, int], ...] = ()  # labels and indices of more figures of ours
-
-
-@dataclass(frozen=True)
 class ScoreTable:
     """Definition of a table of scores."""
 
@@ -108,7 +95,6 @@ class ScoreTable:
     caption: str
     published: tuple[Published, ...] = ()
     claims: tuple[Claim, ...] = ()
-    charts: tuple[BarChart, ...] = ()
     rows: tuple[At, ...] | None = None  # places of the rows; None: all
     bounded: int | None = None  # index of the figure whose bounds are two columns
     groups: tuple[str, ...] = GROUPS[1:]  # groups that have a column if their motion was scored
@@ -167,7 +153,6 @@ def score_report(
         remarks_title=remarks_title,
         caption=table.caption,
         digits=table.digits,
-        panels=tuple(_panels(table, scores)),
     )
 
 
@@ -249,21 +234,3 @@ def _verdicts(table: ScoreTable, scores: Cells) -> Iterator[str]:
         verdict = ordering(claim.text, named(claim.lower), [named(one) for one in claim.higher], table.unit)
         if verdict is not None:
             yield verdict
-
-
-def _panels(table: ScoreTable, scores: Cells) -> Iterator[BarPanel]:
-    for chart in table.charts:
-        figure = table.figures[chart.figure]
-        ours = {label: cell(_value(figure, scores, *at)) for label, at in chart.bars.items()}
-        labels = [label for label, value in ours.items() if value is not None]
-        if not labels:
-            continue
-        bars = [plain_bars("ours", [ours[label] for label in labels])]
-        for name, number in chart.more:
-            values = [_value(table.figures[number], scores, *chart.bars[label]) for label in labels]
-            bars += [plain_bars(name, values)] if any(map(math.isfinite, values)) else []
-        for one in table.published:
-            theirs = [one.cells.get(chart.bars[label], (None,))[0] for label in labels]
-            if any(value is not None for value in theirs):
-                bars.append(plain_bars(one.label, theirs))
-        yield BarPanel(chart.title, tuple(labels), tuple(bars), chart.measure)

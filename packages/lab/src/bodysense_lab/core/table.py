@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from bodysense.files import written_beside
-from bodysense_lab.core.chart import Panel
 from bodysense_lab.core.intervals import Interval, NamedFigure, interval
 
 Cell = float | str | None
@@ -29,7 +28,6 @@ class Report:
     remarks_title: str = "What holds of the paper"
     caption: str = ""  # units and definitions
     digits: int = 1  # decimals of the printed table
-    panels: tuple[Panel, ...] = ()  # of its picture
 
 
 def interval_bounds(numbers: Mapping[str, Interval]) -> dict[str, float]:

@@ -12,16 +12,15 @@ from bodysense.body.arms import ARM_JOINTS, with_arms
 from bodysense.body.keypoints import ArmKeypoints, arms_from_torso, body_torso
 from bodysense.body.pose import standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.body.skin import fit_skin, place_skin
 from bodysense.devices.video.arms import ArmModel
 from bodysense.devices.video.landmarker_files import LandmarkerFiles
 from bodysense.devices.video.person import arm_keypoints
 from bodysense.devices.video.pictures import open_video
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_conjugate, quaternion_multiply
+from bodysense.pictures.animation import draw_pose
 from bodysense.pictures.camera import FollowingCamera, Lens
 from bodysense.pictures.comparison import caption
-from bodysense.pictures.painter import BodyPainter
 from bodysense_lab.papers.pahmt.camera_view import VIEW_POINTS, view_points
 from bodysense_lab.papers.pahmt.errors import arm_errors
 from bodysense_lab.papers.pahmt.network import ArmNetwork
@@ -161,5 +160,4 @@ def _body(torso: np.ndarray, rotation: np.ndarray, straight: bool) -> np.ndarray
     pose = with_arms(standing, rotation[None])
     pose.rotation[:, 0] = quaternion_multiply(torso, quaternion_conjugate(body_torso(standing)))
     camera = FollowingCamera(_LENS, np.zeros((1, 2)), 0.0, 0.0, pose.skeleton.height / 1.7)
-    skin = fit_skin(pose.skeleton)
-    return BodyPainter(camera).draw(skin, place_skin(skin, pose)[0], camera.eye(0))
+    return next(draw_pose(pose, camera))

@@ -22,7 +22,6 @@ from bodysense.devices.video.person import PersonLandmarks, arm_keypoints, joine
 from bodysense.errors import BodysenseError
 from bodysense.tracking.model import CompletionModel
 from bodysense.tracking.tracker import Tracker, TrackerSettings
-from bodysense_lab.core.chart import BarPanel, plain_bars
 from bodysense_lab.core.intervals import NamedFigure
 from bodysense_lab.core.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.core.table import Cell, Report, cell, finite, ordering
@@ -241,25 +240,9 @@ def video_report(table: VideoTable, name: str) -> Report:
             "input are compared: the landmarks, and the truth."
         ),
         digits=2,
-        panels=(_panel(table, "error of positions", "cm"), _panel(table, "error of turns", "deg")),
     )
 
 
 def _group(take: RenderedTake) -> str:
     """Return the group of a video."""
     return take.category if take.category in GESTURES else group_named(take.category)
-
-
-def _panel(table: VideoTable, title: str, unit: str) -> BarPanel:
-    """Return bars of the three methods on a video or on key-points, for the first group."""
-    measures = [measure for measure in MEASURES if measure.endswith(unit)]
-    methods = ("network", "landmarks_ik", "network_true")
-    return BarPanel(
-        title=title,
-        groups=tuple(MEASURES[measure] for measure in measures),
-        series=tuple(
-            plain_bars(METHODS[method], [table.get(method, measure, table.groups[0]) for measure in measures])
-            for method in methods
-        ),
-        measure={"cm": "cm", "deg": "degrees"}[unit],
-    )

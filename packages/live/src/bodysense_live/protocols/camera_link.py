@@ -8,6 +8,7 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -24,16 +25,19 @@ from bodysense_live.server.live import Live
 from bodysense_live.sessions.answer import Answer
 
 RETRY = 2.0  # s between attempts to open a camera that was lost
+COUNTED = 2.0  # s between counts of people; the landmarker that follows one person alone is twice as fast
+MOST = 4  # people that are counted
 ABSENT = 1.0  # s without a person, after which the server says so
 _DARK = 16.0  # of 255, largest brightness of 99 % of the pixels behind a covered lens; noise of sensors is below it
 
 
 @dataclass(frozen=True)
 class Look:
-    """What one picture of a webcam shows."""
+    """Landmarks of one picture of a webcam, and whether the lens is covered."""
 
     observation: Observation  # `POINTS` of one frame
     is_dark: bool = False  # the lens is covered, or the room is dark
+    people: int = 1  # people in the picture, as counted last; one of them is followed
 
 
 @dataclass(frozen=True)
@@ -61,14 +65,18 @@ def camera_frames(settings: CameraSettings, skeleton: Skeleton) -> Generator[Loo
     with (
         open_video(str(settings.index)) as video,
         Landmarker(files, LandmarkerSettings(people=1)) as landmarker,
+        Landmarker(files, LandmarkerSettings(people=MOST)) as counter,
     ):
+        people, counted_at = 0, -inf
         for watched in watch(
             video.pictures,
             landmarker,
             lambda aspect: VideoDevice(skeleton, arms, aspect, VideoSettings(look_ahead=0.0)),
         ):
             for k, picture in enumerate(watched.pictures):
-                yield Look(watched.frames.observation[k : k + 1], is_dark(picture.pixels))
+                if picture.time - counted_at >= COUNTED:
+                    people, counted_at = len(counter.find(picture)[0].world), picture.time
+                yield Look(watched.frames.observation[k : k + 1], is_dark(picture.pixels), people)
 
 
 def is_dark(pixels: np.ndarray) -> bool:
@@ -136,7 +144,12 @@ class CameraLink:
                 self._report("the picture is black: uncover the lens, or switch a light on" if look.is_dark else
                              "nobody is seen")  # fmt: skip
             return
-        self._report("a person is seen")
+        self._report(
+            "a person is seen"
+            if look.people < 2
+            else f"{look.people} people are seen, one of them is followed; if it is the wrong one, let the others "
+            "leave the picture for a moment"
+        )
         self._seen_at = now
         self._sequence = (self._sequence + 1) % 2**32
         self._receive_frame(signal_of(observation, POINTS, self._sequence, now))

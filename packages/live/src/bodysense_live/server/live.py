@@ -136,6 +136,8 @@ class Live:
             slot.disconnected_at = None
         queue.put_message(slot.welcome(self.sources, self._recordings.are_allowed, resumed, queue.is_watcher))
         queue.put_message(slot.session.placement_message())
+        for text in slot.session.doubts:
+            queue.put_message(Notice(text))
         self._changed.set()
         return slot
 
@@ -309,6 +311,8 @@ class Live:
                 queue.put_message(slot.welcome(self.sources, self._recordings.are_allowed, is_watcher=queue.is_watcher))
         for message in messages:
             slot.send(message)
+            if slot in self._inputs.values() and isinstance(message, Notice) and message.text in slot.session.doubts:
+                print(f"{slot.source}: {message.text}", flush=True)  # senders of packets read no messages
 
     def _deliver(self, slot: SessionSlot, answer: Answer | None) -> None:
         if slot in self._inputs.values():

@@ -23,6 +23,7 @@ ABOUT = "page.json"  # whether the page has a server, and the names of its files
 LIBRARY_FILES = {
     "completion.safetensors.gz": ("bodysense.weights", "completion.safetensors"),
     "default_body.json.gz": ("bodysense.body", "default_body.json"),
+    "avatar.vrm.gz": ("bodysense.body", "avatar.vrm.gz"),
     "performance.npz": ("bodysense.demo", "performance.npz"),
 }
 _VISION = "https://cdn.jsdelivr.net/npm/@mediapipe/tasks-vision@1.1.0/wasm"  # the version of web/package-lock.json
@@ -56,7 +57,7 @@ def library_file(name: str) -> bytes:
     """Return the bytes of one of `LIBRARY_FILES`."""
     package, file = LIBRARY_FILES[name]
     content = files(package).joinpath(file).read_bytes()
-    return _packed(content) if name.endswith(".gz") else content
+    return _packed(content) if name == f"{file}.gz" else content
 
 
 def _packed(content: bytes) -> bytes:

@@ -53,6 +53,7 @@ from bodysense_live.sessions.worn_trackers import PlaceMatch
 
 SKELETON_TOLERANCE = 0.001  # m; smaller changes of points of the T-pose are not sent
 SKELETON_INTERVAL = 0.1  # s; skeletons are sent at most this often
+_MOST_DOUBTS = 8  # sent of one session: a world is doubted in six ways, and a tracker that is reset finds them again
 _INFERRED = 0.02  # m, standard deviation of an inferred height
 _KNOWN = 0.01  # m, of a length that a person gives: joints cannot be seen from outside
 
@@ -94,6 +95,7 @@ class Session:
         self._raise_pending = settings.posture == "seated"  # until a frame has the headset
         self._standing: list[Observation] | None = None  # frames of a running calibration
         self._arms_out = False  # stance of the running calibration
+        self.doubts: list[str] = []  # about the signal's world, as sent to clients
         self._match = PlaceMatch()
         self._inertial = InertialSensors.of(person)
         self._skeleton_sent_at = -math.inf  # moment, s
@@ -274,6 +276,7 @@ class Session:
     def answer(self, job: CompletionJob, estimate: Estimate, state: PipelineState) -> Answer | None:
         """Finish a job. Return the pose, or None if the estimate contains NaN."""
         self._busy = False
+        self._report_doubts(estimate.notices)
         root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
         if not math.isfinite(np.vdot(root, root) + np.vdot(rotation, rotation)):
             self._state = self._pipeline.start()  # otherwise NaN would stay in the state
@@ -286,6 +289,12 @@ class Session:
             self._infer_height()
         pose, sent, points = self._display.step(self.skeleton, job.observation, estimate, job.frame)
         return Answer(job.frame, sent, pose, moment, job.received, points, job.placement)
+
+    def _report_doubts(self, notices: Sequence[str]) -> None:
+        """Send the tracker's doubts about the signal's world, each once: a tracker that is reset looks again."""
+        new = [text for text in notices if text not in self.doubts][: _MOST_DOUBTS - len(self.doubts)]
+        self.doubts += new
+        self._messages += [Notice(text) for text in new]
 
     def step(self) -> Answer | None:
         """Complete the pending frame. Return its pose, or None without a frame."""

@@ -63,9 +63,9 @@ class FbxMotion(JointFile):
         return None if self.axes[1] == _UNKNOWN else _AXES[self.axes[1]]
 
     def with_values(self, values: np.ndarray, changed: np.ndarray) -> FbxMotion:
-        """Return the file with other numbers (T, C) where `changed` (T, C)."""
+        """Return the file with numbers (T, C) that differ where `changed` (T, C)."""
         self.check_finite(values[changed])
-        return replace(self, values=np.where(changed, values, self.values))
+        return replace(self, values=values)
 
     def with_frames(self, row: np.ndarray, count: int, frame_rate: float) -> FbxMotion:
         """Return the file with `count` frames of one row (C,) of values."""

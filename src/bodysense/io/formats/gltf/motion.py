@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics, local_rotation
-from bodysense.body.skeleton import Skeleton, default_skeleton
+from bodysense.body.skeleton import Skeleton, chain_to_root, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import (
     matrix_to_quaternion,
@@ -154,7 +154,9 @@ def _with_loose_ends(file: GltfFile, names: list[str], tracks: Mapping[tuple[int
         for bone, end in (("knee", "ankle"), ("elbow", "wrist")):
             other = found.get(f"{side}_foot") if end == "ankle" else None
             joint, loose = found.get(f"{side}_{bone}"), found.get(f"{side}_{end}", other)
-            if joint is None or loose is None or joint in _above(file, loose) or loose in _above(file, joint):
+            if joint is None or loose is None:
+                continue
+            if joint in chain_to_root(file.carriers, loose) or loose in chain_to_root(file.carriers, joint):
                 continue
             at = _world(file, [joint, loose], tracks, time[:: max(1, len(time) // _LOOKED_AT)])[:, :, :3, 3]
             length = np.linalg.norm(at[0] - at[1], axis=-1)
@@ -172,7 +174,7 @@ def _tracks(file: GltfFile, animation: str | None) -> Mapping[tuple[int, str], T
 
 def _figure(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], Track]) -> Figure:
     """Return the animated tree in a few of its frames: joint positions only, without rotations."""
-    tops = Counter(_above(file, node)[-1] for node, _ in tracks if 0 <= node < len(names))
+    tops = Counter(chain_to_root(file.carriers, node)[-1] for node, _ in tracks if 0 <= node < len(names))
     below = _below(file, tops.most_common(1)[0][0]) if tops else []
     time = _times(file.path, tracks, below)
     place = np.moveaxis(_world(file, below, tracks, time[:: max(1, len(time) // _LOOKED_AT)])[:, :, :3, 3], 0, 1)
@@ -195,14 +197,6 @@ def _figure(file: GltfFile, names: list[str], tracks: Mapping[tuple[int, str], T
         frame_rate=30.0,
         nodes=tuple(below),
     )
-
-
-def _above(file: GltfFile, node: int) -> list[int]:
-    """Return a node and its ancestors up to a root."""
-    chain = [node]
-    while file.carriers[chain[-1]] >= 0:
-        chain.append(file.carriers[chain[-1]])
-    return chain
 
 
 def _below(file: GltfFile, root: int) -> list[int]:

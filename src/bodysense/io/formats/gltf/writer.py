@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import json
 import struct
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bodysense.body.skeleton import Skeleton
-from bodysense.body.skin import COLORS, fit_skin
+from bodysense.body.surface import fit_surface
 from bodysense.errors import BodysenseError
 from bodysense.files import written_beside
 from bodysense.geometry.rotation import normalize
@@ -23,66 +22,7 @@ from bodysense.geometry.series import continuous
 from bodysense.io.clip import Clip
 from bodysense.io.formats.gltf.file import BINARY, JSON
 
-_AROUND, _RINGS = 10, 4  # vertices around a link, and rings on each of its two balls
-
-
-@dataclass(frozen=True, eq=False)
-class SkinMesh:
-    """V vertices and F triangles, counter-clockwise as seen from outside."""
-
-    position: np.ndarray = field(repr=False)  # (V, 3) m, world
-    normal: np.ndarray = field(repr=False)  # (V, 3) unit
-    color: np.ndarray = field(repr=False)  # (V, 3) red, green, blue, 0 to 1, sRGB
-    joint: np.ndarray = field(repr=False)  # (V,) index of the joint that carries each
-    triangle: np.ndarray = field(repr=False)  # (F, 3) vertices
-
-
-def skin_mesh(skeleton: Skeleton) -> SkinMesh:
-    """Build the hulls of the skin's links. Raises BodysenseError unless points and parents are the default's."""
-    skin = fit_skin(skeleton)
-    rest = skeleton.path @ skeleton.rest_offset
-    center = (rest[skin.joint] + skin.center)[skin.link]  # (L, 2, 3)
-    center = center + skeleton.rest_offset[0]
-    radius = skin.radius[skin.link]  # (L, 2)
-    along = center[:, 1] - center[:, 0]
-    length = np.linalg.norm(along, axis=1)
-    axis = np.where(length[:, None] > 1e-9, along / np.maximum(length, 1e-9)[:, None], [0.0, 1.0, 0.0])
-    # The hull touches both balls where its normal leans toward the thinner one by the same angle.
-    lean = np.arcsin(np.clip((radius[:, 0] - radius[:, 1]) / np.maximum(length, 1e-9), -1, 1))
-    across = np.cross(axis, np.eye(3)[np.abs(axis).argmin(axis=1)])
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    third = np.cross(axis, across)
-
-    share = np.linspace(0, 1, _RINGS)
-    latitude = np.stack(
-        [-np.pi / 2 + share * (lean[:, None] + np.pi / 2), lean[:, None] + share * (np.pi / 2 - lean[:, None])]
-    )
-    latitude = latitude.transpose(1, 0, 2)  # (L, 2, R)
-    angle = np.arange(_AROUND) * (2 * np.pi / _AROUND)
-    round_ = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * third[:, None]  # (L, A, 3)
-    normal = (
-        np.sin(latitude)[..., None, None] * axis[:, None, None, None]
-        + np.cos(latitude)[..., None, None] * round_[:, None, None]
-    )  # (L, 2, R, A, 3)
-    position = center[:, :, None, None] + radius[:, :, None, None, None] * normal
-    shape = normal.shape[:-1]
-    joint = np.broadcast_to(skin.joint[skin.link][:, :, None, None], shape)
-    color = np.broadcast_to(COLORS[skin.color][:, None, None, None], normal.shape)
-
-    ring, around = np.arange(2 * _RINGS - 1)[:, None] * _AROUND, np.arange(_AROUND)
-    beside = (around + 1) % _AROUND
-    corners = [ring + around, ring + beside, ring + _AROUND + beside, ring + _AROUND + around]
-    first = np.stack([corners[0], corners[1], corners[2]], axis=-1).reshape(-1, 3)
-    second = np.stack([corners[0], corners[2], corners[3]], axis=-1).reshape(-1, 3)
-    begin = np.arange(len(axis))[:, None, None] * (2 * _RINGS * _AROUND)
-    triangle = (begin + np.concatenate([first[_AROUND:], second[:-_AROUND]])).reshape(
-        -1, 3
-    )  # no triangles of zero area at the poles
-    return SkinMesh(position.reshape(-1, 3), normal.reshape(-1, 3), color.reshape(-1, 3), joint.ravel(), triangle)
-
-
-_FLOAT, _BYTE, _INT = 5126, 5121, 5125
-_KINDS = {np.dtype("<f4"): _FLOAT, np.dtype("u1"): _BYTE, np.dtype("<u4"): _INT}
+_KINDS = {np.dtype("<f4"): 5126, np.dtype("u1"): 5121, np.dtype("<u2"): 5123}
 _SHAPES = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 _VERTICES, _INDICES = 34962, 34963  # what a view is for
 
@@ -123,24 +63,20 @@ def write_glb(path: str | Path, clip: Clip, names: tuple[str, ...] | None = None
     skeleton, arrays = clip.pose.skeleton, Arrays()
     count = len(skeleton.points)
     nodes = skeleton_nodes(skeleton, names or skeleton.points)
-    mesh = skin_mesh(skeleton)
+    surface = fit_surface(skeleton)
     bind = np.tile(np.eye(4, dtype="<f4"), (count, 1, 1))
     bind[:, 3, :3] = -(skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0])  # columns lie one after another
-    joint, weight = np.zeros((2, len(mesh.joint), 4), dtype="u1")
-    joint[:, 0], weight[:, 0] = mesh.joint, 255
-    color = np.full((len(mesh.joint), 4), 255, dtype="u1")
-    # glTF requires linear colours of vertices, not sRGB
-    color[:, :3] = np.round(
-        255 * np.where(mesh.color <= 0.04045, mesh.color / 12.92, ((mesh.color + 0.055) / 1.055) ** 2.4)
-    )
+    mesh = surface.mesh
+    color = np.full((len(mesh.color), 4), 255, dtype="u1")
+    color[:, :3] = np.round(255 * mesh.color)
     attributes = {
         "POSITION": arrays.add_bounded(mesh.position.astype("<f4"), _VERTICES),
         "NORMAL": arrays.add(normalize(mesh.normal).astype("<f4"), _VERTICES),
         "COLOR_0": arrays.add(color, _VERTICES, normalized=True),
-        "JOINTS_0": arrays.add(joint, _VERTICES),
-        "WEIGHTS_0": arrays.add(weight, _VERTICES, normalized=True),
+        "JOINTS_0": arrays.add(surface.joint.astype("u1"), _VERTICES),
+        "WEIGHTS_0": arrays.add(np.round(255 * surface.weight).astype("u1"), _VERTICES, normalized=True),
     }
-    triangles = arrays.add(mesh.triangle.astype("<u4").ravel(), _INDICES)
+    triangles = arrays.add(mesh.triangle.astype("<u2").ravel(), _INDICES)
     document = {
         "scenes": [{"nodes": [0, count]}],
         "nodes": [*nodes, {"name": "body", "mesh": 0, "skin": 0}],

@@ -38,4 +38,4 @@ def take(minutes: float = 10.0, device: str = "three_point", json: Json = None) 
             f"{prefix}frames_per_second": len(clip) / seconds,
             f"{prefix}frames_per_processor_second": len(clip) / processor,
         }
-    report("take", numbers, json)
+    report("take", numbers, json, "two threads, one if causal")

@@ -46,10 +46,10 @@ def resident_memory() -> float:
     return peak / (1e6 if sys.platform == "darwin" else 1e3)
 
 
-def report(name: str, numbers: dict[str, float], json: Path | None) -> None:
-    """Print a line and write the numbers."""
+def report(name: str, numbers: dict[str, float], json: Path | None, threads: str = "one thread") -> None:
+    """Print a line that names the threads of the work, and write the numbers."""
     from bodysense.cli.show import processor, write_numbers
 
     figures = ", ".join(f"{key} {value:,.3g}" for key, value in numbers.items())
-    print(f"{name}: {figures}  ({processor()}, one thread)")
+    print(f"{name}: {figures}  ({processor()}, {threads})")
     write_numbers(json, numbers)

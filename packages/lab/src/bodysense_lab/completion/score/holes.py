@@ -27,7 +27,6 @@ from bodysense.sources.partial_motion import PartialMotion, open_partial
 from bodysense.takes.filling import fill_motion, known_points
 from bodysense.takes.two_way import TwoWayTracker
 from bodysense.tracking.tracker import TrackerSettings
-from bodysense_lab.core.chart import BarPanel, plain_bars
 from bodysense_lab.core.intervals import interval
 from bodysense_lab.core.table import Cell, Report, finite
 from bodysense_lab.core.tallies import Tallies
@@ -234,8 +233,6 @@ def holes_report(gaps: Tallies, name: str) -> Report:
     """Return the table: a row for each part and length, with intervals over people."""
     rows: list[tuple[Cell, ...]] = []
     numbers: dict[str, float] = {}
-    labels: list[str] = []
-    errors: dict[str, list[float]] = {OURS: [], "best other": []}
     for part in PARTS:
         for seconds in SECONDS:
             found = {method: gaps[part, seconds, method] for method in METHODS}
@@ -247,11 +244,8 @@ def holes_report(gaps: Tallies, name: str) -> Report:
             words, key = part.replace("_", " "), f"{part}_{seconds:g}"
             more_text = f"{more.low:+.2f} to {more.high:+.2f}"
             rows.append((words, f"{seconds:g} s", count, *(one.mpjpe for one in found.values()), more_text))
-            labels.append(f"{words} {seconds:g} s")
             numbers |= {f"{key}_cm": ours.mpjpe, f"{key}_best_other_cm": best.mpjpe, f"{key}_gaps": float(count)}
             numbers |= {f"{key}_low_cm": own.low, f"{key}_high_cm": own.high}
-            errors[OURS].append(ours.mpjpe)
-            errors["best other"].append(best.mpjpe)
     return Report(
         name="holes",
         title=f"Parts missing in {name}, cm",
@@ -263,5 +257,4 @@ def holes_report(gaps: Tallies, name: str) -> Report:
         "joints, by principal components of the clip's known frames. Causal: as in live tracking. "
         "The last column is a 95 % interval over people.",
         digits=2,
-        panels=(BarPanel("error, cm", tuple(labels), tuple(plain_bars(*one) for one in errors.items()), "cm"),),
     )

@@ -103,7 +103,7 @@ def _place(folder: Path, place: int) -> Path:
 def write_block(path: Path, sequences: list[Sequence]) -> None:
     """Write sequences without hands as one file, which appears whole."""
     values: dict[str, Any] = {"length": np.array([len(one) for one in sequences])}
-    for name in _fields():
+    for name in (field.name for field in fields(Sequence) if field.name != "hands"):
         parts = [getattr(one, name) for one in sequences]
         values[name] = np.stack([np.asarray(part) for part in parts]) if name in _OF_SEQUENCE else np.concatenate(parts)
     with written_beside(path) as beside, beside.open("wb") as file:
@@ -122,7 +122,3 @@ def read_block(path: Path) -> list[Sequence]:
         own: dict[str, Any] = {name: scalars.get(name, np.asarray)(part[k]) for name, part in rows.items()}
         sequences.append(Sequence(**own))
     return sequences
-
-
-def _fields() -> list[str]:
-    return [field.name for field in fields(Sequence) if field.name != "hands"]

@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
+from typing import Any
 
 import numpy as np
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.errors import BodysenseError
+from bodysense.errors import BodysenseError, missing_package
 from bodysense.files import written_beside
 from bodysense.geometry.rotation import heading, quaternion_conjugate, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.quality.metrics import joint_error
 from bodysense.sources.open import MotionSource
-from bodysense_lab.core.chart import INK, load_pyplot
 from bodysense_lab.papers.hmd_vae.system import complete
 from bodysense_lab.papers.paper_options import PaperOptions
 
+INK = "#22303c"
 COLUMNS = 8  # frames of the motion
 WORST = 30.0  # cm: the end of the colour scale
 _WIDTH, _HEIGHT = 1.3, 2.1  # m of one body's cell
@@ -31,6 +32,18 @@ def reconstructed(clip: Clip, networks: Mapping[str, Path | None]) -> dict[str, 
     opened = MotionSource(clip.name, given=clip)
     clips = {name: complete(opened, PaperOptions(networks=path)) for name, path in networks.items()}
     return {name: np.asarray(forward_kinematics(one.pose)[0]) for name, one in clips.items()}
+
+
+def load_pyplot() -> Any:
+    """Return Matplotlib's pyplot, set to draw into files. Raises BodysenseError if it is not installed."""
+    try:
+        import matplotlib
+    except ImportError as error:
+        raise missing_package(error) from None
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
 
 
 def frames_within(clip: Clip, span: tuple[float, float] | None) -> np.ndarray:

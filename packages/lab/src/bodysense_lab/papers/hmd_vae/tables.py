@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from operator import attrgetter
 
-from bodysense_lab.core.chart import BarPanel, plain_bars
 from bodysense_lab.core.scoring import GROUPS, suffix_of
 from bodysense_lab.core.table import Cell, Report, bound_cells, cell, finite, ordering
 from bodysense_lab.data.datasets import Census, DataSet, describe_data, missing_data_remarks
@@ -97,7 +96,6 @@ def vae_report(scored: Sequence[Scored], census: Census, data: DataSet) -> Repor
         "training people that were held out. Low and high: 95 % by bootstrap over people. Of several settings of a "
         "model the figures below are of the one that was best in validation.",
         digits=2,
-        panels=tuple(_panels(scored, main)),
     )
 
 
@@ -111,11 +109,6 @@ def metrics_report(scored: Sequence[Scored], census: Census, data: DataSet) -> R
     truth = (cell(one.get("truth_jitter")) for one in list(best.values())[:1])
     rows.append(("ours", "truth", None, None, None, *truth, *(None,) * 5))
     rows += [("published", name, *values, *(None,) * 5) for name, values in PUBLISHED.items()]
-    compared = {str(row[1]): (row[0], float(row[3])) for row in rows if row[3] is not None}
-    bars = tuple(
-        plain_bars(one, [value if whose == one else None for whose, value in compared.values()])
-        for one in ("ours", "published")
-    )
     return Report(
         name="hmd-vae-metrics",
         title="HMD-VAE beside later methods",
@@ -130,7 +123,6 @@ def metrics_report(scored: Sequence[Scored], census: Census, data: DataSet) -> R
         "floor, cm. From the 16th frame on of clips of 64 or more. Ours at 30 Hz, the published on AMASS at 60 Hz: "
         "other people, other motion, another rate. The tracker's own figures: bodysense evaluate completion.",
         digits=2,
-        panels=(BarPanel("MPJPE", tuple(compared), bars, "cm"),),
     )
 
 
@@ -203,18 +195,3 @@ def _settings(scored: Sequence[Scored], origin: str) -> list[dict[int, Scored]]:
         if one.config.origin == origin:
             found.setdefault((one.config.beta, one.config.latent, one.config.blocks), {})[one.config.model] = one
     return list(found.values())
-
-
-def _panels(scored: Sequence[Scored], main: str) -> Iterator[BarPanel]:
-    """Fig. 5: full body; Fig. 6: legs; Fig. 7: accelerations. A colour a depth."""
-    depths = sorted({one.config.blocks for one in scored})[:2]
-    best = {depth: best_of([one for one in scored if one.config.blocks == depth]) for depth in depths}
-    origin = "head" if any(one.config.origin == "head" for one in scored) else "pelvis"
-    for part, joints in PARTS.items():
-        for measure, (title, unit) in MEASURES.items():
-            series = []
-            for depth in depths:
-                found = (best[depth].get((origin, model)) for model in MODELS)
-                heights = [None if one is None else cell(one.get(f"{part}_{measure}", main)) for one in found]
-                series.append(plain_bars(f"{depth} blocks", heights))
-            yield BarPanel(f"{title}, {joints}", tuple(MODELS.values()), tuple(series), unit)

@@ -18,8 +18,6 @@ from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense_lab.core.chart import BarPanel, Line, LinePanel, plain_bars
-from bodysense_lab.core.progress import read_log
 from bodysense_lab.core.scoring import GROUPS, group_named, suffix_of
 from bodysense_lab.core.table import Cell, Report, bound_cells, cell, finite, ordering
 from bodysense_lab.core.tallies import Tallies
@@ -51,7 +49,6 @@ class ScoredRow:
     row: TableRow
     network: ArmNetwork | None = field(repr=False)  # None: inverse kinematics on the true positions of all joints
     tallies: Tallies = field(default_factory=Tallies, repr=False)  # by category group and measure
-    learned: tuple[Mapping[str, float], ...] = field(default=(), repr=False)  # on the validation split, by "step"
 
     def get(self, measure: str, group: str = "main") -> float:
         """A mean over frames and joints; NaN where nothing was counted."""
@@ -64,9 +61,7 @@ def rows_in(folder: Path, model: Path | None = None) -> list[ScoredRow]:
     found = []
     for name, row in TABLE_1.items():
         if (folder / f"{name}.pt").is_file():
-            log = read_log(folder / f"{name}.jsonl")
-            learned = tuple({"step": line["step"], **line["validation"]} for line in log)
-            found.append(ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0], learned=learned))
+            found.append(ScoredRow(name, row, read_arms(folder / f"{name}.pt")[0]))
     if not found:
         raise BodysenseError(
             f"{folder}: none of the table's networks in it; train them with `bodysense train arms-table` into it"
@@ -153,33 +148,6 @@ def arm_report(scored: tuple[list[ScoredRow], Census], data: DataSet, perfect: b
         "forearms and hands. Low and high: 95 % by bootstrap over people. "
         "The paper's figures are of its own motion, whose sizes and cameras are not published.",
         digits=4,
-        panels=(_panel(rows, "overall_m", 1), _panel(rows, "hands_m", 0), *_curves(rows)),
-    )
-
-
-def _curves(rows: list[ScoredRow]) -> Iterator[LinePanel]:
-    """Yield the learning curves of networks whose logs are next to them."""
-    for measure, factor, unit in (("overall_m", 100, "cm"), ("arms_deg", 1, "°"), ("hands_m", 100, "cm")):
-        lines = []
-        for row in rows:
-            noted = [figures for figures in row.learned if measure in figures]
-            values = [[figures["step"] for figures in noted], [factor * figures[measure] for figures in noted]]
-            if noted:
-                lines.append(Line(row.name, *np.array(values)))
-        if lines:
-            yield LinePanel(
-                f"{MEASURES[measure].rpartition(',')[0]}, on the validation split", tuple(lines), "steps", unit
-            )
-
-
-def _panel(rows: list[ScoredRow], measure: str, place: int) -> BarPanel:
-    """Return bars of our figures and the paper's, cm."""
-    scored_rows = [row for row in rows if cell(row.get(measure)) is not None]
-    ours = plain_bars("bodysense", [100 * row.get(measure) for row in scored_rows])
-    published = [100 * row.row.published[place] if len(row.row.published) > place else None for row in scored_rows]
-    groups = tuple(row.name for row in scored_rows)
-    return BarPanel(
-        MEASURES[measure].rpartition(",")[0], groups, (ours, plain_bars("the paper", published)), "MPJPE, cm"
     )
 
 

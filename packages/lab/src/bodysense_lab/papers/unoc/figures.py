@@ -10,15 +10,14 @@ import numpy as np
 
 from bodysense.body.arms import SIDES
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.body.skin import fit_skin, place_skin
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.geometry.rotation import quaternion_log
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.observing.points import observed_points
+from bodysense.pictures.animation import draw_pose
 from bodysense.pictures.camera import FollowingCamera, Lens, follow_body
 from bodysense.pictures.comparison import View, caption, draw_rows
-from bodysense.pictures.painter import BodyPainter
 from bodysense.quality.metrics import joint_error
 from bodysense.takes.last_known import last_known
 from bodysense_lab.core.scoring import RATE, scored_points
@@ -119,12 +118,11 @@ def draw_figure_7(truth: Pose, predicted: Pose, examples: Sequence[Example]) -> 
 def _block(truth: Pose, predicted: Pose, example: Example) -> np.ndarray:
     now = slice(example.frame, example.frame + 1)
     camera = follow_body(truth[now], RATE, _BODY)
-    skin = fit_skin(truth.skeleton)
-    body = BodyPainter(camera).draw(skin, place_skin(skin, truth[now])[0], camera.eye(0))
+    body = next(draw_pose(truth[now], camera))
     hands = []
     for title, pose in (("truth", truth[now]), ("from the body", predicted[now])):
         near = _close_up(pose, example.side, camera.turn)
-        hands += [caption([title], _HAND.width), BodyPainter(near).draw(skin, place_skin(skin, pose)[0], near.eye(0))]
+        hands += [caption([title], _HAND.width), next(draw_pose(pose, near))]
     return np.concatenate([body, np.concatenate(hands)], axis=1)
 
 

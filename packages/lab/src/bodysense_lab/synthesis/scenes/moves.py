@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from bodysense.geometry.rotation import smooth_step
+
 _SHORTEST = 1e-3  # s, duration of a move that sets a channel whose value has no effect at that time
 
 
@@ -73,13 +75,14 @@ class Moves:
         """Return the channels (T,) at times (T,), s."""
         names = list(self.value)
         values = np.tile([self._start[name] for name in names], (len(time), 1))
-        for rows, shape in ((self._eases, ease), (self._brisk, _cubic), (self._bumps, _bump)):
+        for rows, shape in ((self._eases, ease), (self._brisk, smooth_step), (self._bumps, _bump)):
             if rows:
                 begin, end, difference = (np.array([row[k] for row in rows]) for k in (0, 1, 3))
                 active = begin < time[-1]
                 spread = np.zeros((len(rows), len(names)))
                 spread[np.arange(len(rows)), [names.index(row[2]) for row in rows]] = difference
-                values += shape((time[:, None] - begin[active]) / (end - begin)[active]) @ spread[active]
+                share = np.clip((time[:, None] - begin[active]) / (end - begin)[active], 0.0, 1.0)
+                values += shape(share) @ spread[active]
         return {name: values[:, k] for k, name in enumerate(names)}
 
 
@@ -89,14 +92,8 @@ def ease(share: np.ndarray) -> np.ndarray:
     return s * s * s * (10 + s * (6 * s - 15))
 
 
-def _cubic(share: np.ndarray) -> np.ndarray:
-    s = np.clip(share, 0.0, 1.0)
-    return s * s * (3 - 2 * s)
-
-
 def _bump(share: np.ndarray) -> np.ndarray:
-    s = np.clip(share, 0.0, 1.0)
-    return 64 * (s * (1 - s)) ** 3
+    return 64 * (share * (1 - share)) ** 3
 
 
 def waves(time: np.ndarray, count: int, slowest: float, fastest: float, rng: np.random.Generator) -> np.ndarray:

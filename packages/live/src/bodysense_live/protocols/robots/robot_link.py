@@ -74,7 +74,7 @@ class RobotLink:
         self._body: Followed | None = None
         self._tracked: float | None = None  # s, when a point was last tracked
         self._frame = 0
-        self._is_read: bool | None = None  # None: nobody has read yet
+        self._is_read: bool | None = None  # None: not known before the first reader
         try:
             self._socket.bind(f"tcp://{settings.host}:{settings.port}")
         except zmq.ZMQError as error:

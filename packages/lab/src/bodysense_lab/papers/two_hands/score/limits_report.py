@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 from bodysense.devices.simulated.camera_ring import CameraRing
-from bodysense_lab.core.chart import BarPanel, plain_bars
 from bodysense_lab.core.scoring import GROUPS
 from bodysense_lab.core.table import Cell, Report, finite
 from bodysense_lab.data.datasets import Census, DataSet, describe_data
@@ -90,7 +89,6 @@ def limits_report(
         f"fingertips touch within {1000 * TOUCHING:g} mm; a point jumps that goes {1000 * JUMP:g} mm farther from "
         "frame to frame than in truth.",
         digits=2,
-        panels=(_panel(numbers, places),),
     )
 
 
@@ -109,14 +107,6 @@ def _rows(place: str, values: Mapping[str, float]) -> Iterator[tuple[Cell, ...]]
         cells = [None if key is None or key not in values else line.factor * values[key] for key in line.keys]
         if any(one is not None for one in cells):
             yield (place, line.limit, line.figure, *cells)
-
-
-def _panel(numbers: Mapping[str, Mapping[str, float]], places: Sequence[str]) -> BarPanel:
-    bars = [
-        plain_bars(name, [100 * numbers[place].get(f"any_penetrating_share_{key}", 0.0) for place in places])
-        for name, key in (("truth", "truth"), ("output", "output"))
-    ]
-    return BarPanel("hands in each other or in themselves", tuple(places), tuple(bars), "% of the frames")
 
 
 def _remarks(numbers: Mapping[str, Mapping[str, float]]) -> Iterator[str]:

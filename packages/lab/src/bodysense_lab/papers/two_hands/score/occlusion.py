@@ -16,7 +16,6 @@ from bodysense.body.hands.glove import MARKERS
 from bodysense.devices.simulated.camera_ring import CameraRing
 from bodysense.devices.simulated.glove import visible
 from bodysense.geometry.gaps import runs
-from bodysense_lab.core.chart import BarPanel, plain_bars
 from bodysense_lab.core.scoring import GROUPS, suffix_of
 from bodysense_lab.core.table import Cell, Report, cell, finite
 from bodysense_lab.data.datasets import Census, DataSet, describe_data
@@ -29,7 +28,6 @@ SHORT = 0.36  # s: 90 % of the paper's spans are shorter (section 6.1.1)
 PUBLISHED_SHORT = 0.90
 # Shares of one, two … hidden markers in frames with one to four of them (Fig. 13); the network is trained with these.
 PUBLISHED_AT_ONCE = (0.70, 0.17, 0.08, 0.05)
-EDGES = (0.1, 0.2, SHORT, 0.5, 1.0, 2.0)  # s, between the bars of the histogram
 SYNTHESISED_PIECES = 12
 
 
@@ -124,7 +122,6 @@ def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None
         remarks=tuple(_remarks(main)),
         caption="Share of the time, %; of the spans in which a marker is hidden, %; their median, s. One hand: the "
         f"other is taken away. Both hands: of {2 * len(MARKERS)} markers. At {RATE:g} Hz.",
-        panels=(_at_once_panel(main), _span_panel(main)),
     )
 
 
@@ -170,22 +167,3 @@ def _remarks(main: Mapping[Setting, MarkerHiding]) -> Iterator[str]:
         yield f"For longer, too: {longer} (mean span: one hand {means[0]:.2f} s, each of two {means[1]:.2f} s)."
         share = 100 * one.shorter(SHORT)
         yield f"Spans below {SHORT:g} s: {share:.0f} % with one hand, published {100 * PUBLISHED_SHORT:.0f} %."
-
-
-def _at_once_panel(main: Mapping[Setting, MarkerHiding]) -> BarPanel:
-    groups = tuple(str(n) for n in range(len(MARKERS) + 1))
-    bars = [
-        plain_bars(name, [100 * float(share) for share in main[setting].shares[: len(groups)]])
-        for setting, name in SETTINGS.items()
-    ]
-    return BarPanel("markers hidden at once", groups, tuple(bars), "% of the time")
-
-
-def _span_panel(main: Mapping[Setting, MarkerHiding]) -> BarPanel:
-    edges = (0.0, *EDGES, np.inf)
-    names = (*(f"< {edge:g} s" for edge in EDGES), "longer")
-    bars = []
-    for setting, name in SETTINGS.items():
-        counts = np.histogram(main[setting].spans, edges)[0]
-        bars.append(plain_bars(name, [100 * float(count) / max(counts.sum(), 1) for count in counts]))
-    return BarPanel("how long a marker is hidden", names, tuple(bars), "% of the spans")

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
-from bodysense_lab.core.chart import BarPanel, plain_bars
 from bodysense_lab.core.intervals import interval
 from bodysense_lab.core.table import Cell, Report, cell, finite, ordering
 from bodysense_lab.data.datasets import describe_data
@@ -106,7 +104,6 @@ def marker_report(table: GloveTable) -> Report:
         remarks=_marker_remarks(table),
         caption=f"Mean error of hidden markers, cm; {SEEDS} seeds, a trial every {STRIDE / 60:g} s each. Last known is "
         "where they were in the world, so that all of a hand's way counts; last shape, where they were on the hand.",
-        panels=_panels("network ÷ last known", partial(_ratio, table), published_ratio),
     )
 
 
@@ -121,9 +118,6 @@ def finger_report(table: GloveTable) -> Report:
         caption="Mean error of the second and third joint and the tip of every finger (p1, p2, p3), in the world, cm; "
         f"{SEEDS} seeds, a trial every {STRIDE / 60:g} s at each, of one hand whose markers are right. "
         "With nothing hidden duration means nothing.",
-        panels=_panels(
-            "joints of fingers, cm", partial(table.get, "nn"), lambda n, d: PUBLISHED_POINTS[n][DURATIONS.index(d)]
-        ),
     )
 
 
@@ -165,24 +159,6 @@ def _report(
         remarks=tuple(remarks),
         digits=2,
         **more,
-    )
-
-
-def _panels(
-    measure: str, ours: Callable[[int, float], float], theirs: Callable[[int, float], float]
-) -> tuple[BarPanel, ...]:
-    """Bars by duration, of ours and of the published figures, with the fewest and the most markers hidden."""
-    return tuple(
-        BarPanel(
-            f"{hidden} hidden",
-            tuple(f"{duration:g} s" for duration in DURATIONS),
-            (
-                plain_bars("ours", [cell(ours(hidden, duration)) for duration in DURATIONS]),
-                plain_bars("published", [theirs(hidden, duration) for duration in DURATIONS]),
-            ),
-            measure,
-        )
-        for hidden in (HIDDEN[0], HIDDEN[-1])
     )
 
 

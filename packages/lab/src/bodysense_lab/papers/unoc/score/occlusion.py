@@ -16,7 +16,6 @@ from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.simulated.headset_camera import BODY_JOINTS, FOOT_POINTS, SIDES, HeadsetCamera, see
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense_lab.core.chart import BarPanel, plain_bars
 from bodysense_lab.core.table import Cell, Report
 from bodysense_lab.data.datasets import Census, DataSet, describe_data, missing_data_remarks
 from bodysense_lab.papers.unoc.score.contact import self_contact
@@ -185,7 +184,6 @@ def occlusion_table(columns: Sequence[Column]) -> Report:
         numbers={f"{one.name}_{key}": value for one in columns for key, value in one.figures.items()},
         caption="Share of time hidden; mean length of the spans of hiding. What is hidden is the joint of either side, "
         "three points of a foot, every point of a hand.",
-        panels=(_panel("hidden, % of time", every, "hidden", 100.0), _panel("mean span, s", every, "seconds", 1.0)),
     )
 
 
@@ -211,13 +209,3 @@ def _remarks(columns: Sequence[Column]) -> Iterator[str]:
             found[is_inside].append(f"{group} {100 * ratio:.0f} %{span}")
         inside, outside = (", ".join(found[key]) or "none" for key in (True, False))
         yield f"{one.name}: hidden within the published range: {inside}; outside: {outside}."
-
-
-def _panel(measure: str, columns: Sequence[Column], ending: str, factor: float) -> BarPanel:
-    """All of ours, or the only one, between UNOC and Talking With Hands."""
-    bars = []
-    for one in (columns[-len(PUBLISHED) - 1], *PUBLISHED[:2]):
-        values = [one.figures.get(f"{group}_{ending}") for group in GROUPS]
-        heights = [None if value is None else factor * value for value in values]
-        bars.append(plain_bars(f"{one.name} (published)" if one in PUBLISHED else one.name, heights))
-    return BarPanel(measure.partition(",")[0], GROUPS, tuple(bars), measure)

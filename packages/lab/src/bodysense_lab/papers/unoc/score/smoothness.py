@@ -20,7 +20,6 @@ from bodysense.io.clip import Clip
 from bodysense.observing.observation import Observation
 from bodysense.quality.metrics import acceleration
 from bodysense_lab.core.score_table import (
-    BarChart,
     Published,
     ScoreColumn,
     ScoreRow,
@@ -83,7 +82,6 @@ TABLE = ScoreTable(
             ("Not in the paper: the shipped predictor is smoother than the paper's network", "tracker", "gru"),
         )
     ),
-    charts=(BarChart("body", {label: ("body", one) for one, label in METHODS.items()}, "above 9 m/s², %"),),
     of_groups=(0, "{}, %"),
     unit="%",
     digits=2,

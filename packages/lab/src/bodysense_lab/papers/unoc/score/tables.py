@@ -6,7 +6,6 @@ from collections.abc import Collection, Mapping
 from typing import Any
 
 from bodysense_lab.core.score_table import (
-    BarChart,
     Claim,
     Published,
     ScoreColumn,
@@ -83,10 +82,6 @@ def _table(
         "Low and high: 95 % by bootstrap over people.",
         published=(Published(("UNOC's RMSJPE", "UNOC's MPJPE"), cells),),
         claims=claims,
-        charts=tuple(
-            BarChart(str(PLACES[at].label), {label: (at, method) for method, label in methods.items()}, "RMSJPE, cm")
-            for at in rows
-        ),
         rows=rows,
         bounded=0,
         **more,

@@ -15,7 +15,7 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics
 from bodysense.io.clip import Clip
 from bodysense.takes.last_known import Hold
-from bodysense_lab.core.score_table import BarChart, ScoreColumn, ScoreRow, ScoreTable, score_report
+from bodysense_lab.core.score_table import ScoreColumn, ScoreRow, ScoreTable, score_report
 from bodysense_lab.core.scoring import RATE, Tally, group_of, part_errors, scored_points
 from bodysense_lab.core.table import Report
 from bodysense_lab.core.tallies import Tallies
@@ -55,11 +55,6 @@ TABLE = ScoreTable(
     ),
     caption="Means over moments; errors of the body in cm, over all frames. Last known: turning with the head's "
     "heading.",
-    charts=tuple(
-        BarChart(label, {name: (event, method) for method, name in METHODS.items()}, measure, figure)
-        for event, label in EVENTS.items()
-        for figure, measure in ((1, "peak jerk, m/s³"), (2, "area under jerk, m/s²"))
-    ),
     rows=tuple(EVENTS),
     of_groups=(1, "{} peak"),
 )

@@ -25,7 +25,6 @@ from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.quality.metrics import joint_error
 from bodysense_lab.core.score_table import (
-    BarChart,
     Claim,
     Compared,
     Published,
@@ -92,8 +91,7 @@ TABLE = ScoreTable(
     caption="cm, in the world. Over sitting, gestures, everyday motion and locomotion; bending wrists: those of "
     "them with recorded hands. In the others the wrist is stiff and gives the elbow away.",
     published=tuple(
-        Published((f"UNOC's RMSJPE on {data}", f"UNOC's MPJPE on {data}"), published_on(data), f"published, {data}")
-        for data in SETS
+        Published((f"UNOC's RMSJPE on {data}", f"UNOC's MPJPE on {data}"), published_on(data)) for data in SETS
     ),
     claims=(
         *(
@@ -106,10 +104,6 @@ TABLE = ScoreTable(
             Compared("standing", ("standing", "all"), "ik"),
             (Compared("all poses", ("all", "all"), "ik"),),
         ),
-    ),
-    charts=tuple(
-        BarChart(f"{label}, all poses", {joints: (("all", joints), method) for joints in JOINTS}, "RMSJPE, cm")
-        for method, label in METHODS.items()
     ),
     groups=("bending_wrists", *GROUPS[1:]),
 )
