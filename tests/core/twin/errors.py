@@ -46,7 +46,7 @@ def rarity(seen: Tracked) -> float:
 
 
 def missed_distance(seen: Tracked, predicted: Prediction) -> float:
-    """Return the mean distance of measured joints from the predicted body, in expected distances; 0 if there are none."""
+    """Return the mean distance of measured joints from the predicted body, in expected distances; 0 without any."""
     rotation = np.empty((JOINTS, 3, 3))
     for joint in range(BODY):
         rotation[joint] = seen.rotation[joint] if seen.turned(joint) else predicted.rotation[joint]
