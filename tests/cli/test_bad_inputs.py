@@ -299,6 +299,15 @@ def test_a_missing_folder_is_refused_without_pytorch(folder: Path) -> None:
     assert done.stdout == "2 2 False\n" and done.stderr.count("--data missing: no such folder") == 2
 
 
+def test_motion_is_described_without_pytorch(folder: Path) -> None:
+    """PyTorch takes 0.2 GB and seconds, for a command that looks at files."""
+    pytest.importorskip("bodysense_lab", reason="needs packages/lab")
+    script = "import sys; from bodysense.cli import main; main(sys.argv[1:]); print('torch' in sys.modules)"
+    run = [sys.executable, "-c", script, "data", "info", "motion.bvh"]
+    done = subprocess.run(run, capture_output=True, text=True, timeout=120, check=False)
+    assert done.stdout.splitlines()[-1:] == ["False"], done.stdout + done.stderr
+
+
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
 def test_a_full_disk_gives_one_line(folder: Path) -> None:
     """Also where the output stream itself is full."""

@@ -66,8 +66,8 @@ def test_a_terminal_has_a_bar(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Ca
 def test_only_the_first_process_displays_progress(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(progress.distributed, "is_initialized", lambda: True)
-    monkeypatch.setattr(progress.distributed, "get_rank", lambda: 1)
+    monkeypatch.setattr(torch.distributed, "is_initialized", lambda: True)
+    monkeypatch.setattr(torch.distributed, "get_rank", lambda: 1)
     assert list(progress.with_progress_log("abc", "reading", 3)) == list("abc") and not capsys.readouterr().out
 
 

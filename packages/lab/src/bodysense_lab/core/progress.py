@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -13,7 +14,6 @@ from typing import Any, TypeVar
 
 from rich.console import Console
 from rich.progress import Progress
-from torch import distributed
 
 _EVERY = 15.0  # s between lines of a log
 Item = TypeVar("Item")
@@ -27,7 +27,7 @@ def log_progress(what: str, total: int | None = None) -> Iterator[Callable[[int]
     training, only the first one displays progress.
     """
     console = Console(width=None if Console().is_terminal else 200)
-    if distributed.is_available() and distributed.is_initialized() and distributed.get_rank() > 0:
+    if not _is_first():
         yield lambda done: None
         return
     if console.is_terminal:
@@ -55,6 +55,14 @@ def with_progress_log(items: Iterable[Item], what: str, total: int | None = None
         for item in items:
             yield item
             advance(1)
+
+
+def _is_first() -> bool:
+    """Return whether no other process of a training displays progress. PyTorch, if it trains, is imported already."""
+    distributed = sys.modules.get("torch.distributed")
+    if distributed is None or not (distributed.is_available() and distributed.is_initialized()):
+        return True
+    return distributed.get_rank() == 0
 
 
 def _progress_line(what: str, reached: int, total: int | None, seconds: float) -> str:
