@@ -55,7 +55,7 @@ typedef struct prediction {
     float contact[BS_CONTACTS];  /* probability */
     float error[BODY_POINTS];  /* m, expected position error, of `placed_points` */
     float unlike[BODY_JOINTS];   /* how much the axes predicted for a body and for its mirror image differ */
-    float missed;                /* how far measured joints are from it, in expected distances; 0: none is measured */
+    float missed;                /* mean distance of measured joints from it, in expected distances; 0: none */
 } prediction;
 
 /* A completed body. */

@@ -226,7 +226,7 @@ static void eliminate(const double *bone, const double *slope, const double *spr
         turned->one[row] = right[7 * row + 6];
     }
 
-    /* Of the joint's move and the parent's turn. */
+    /* The rest is a form of the joint's move and its parent's turn. */
     double moves[9], both[9] = {0}, move[3];
     memcpy(moves, own->moves, sizeof moves);
     memcpy(move, own->move, sizeof move);
