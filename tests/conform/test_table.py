@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from dataclasses import replace
 from pathlib import Path
 
@@ -126,17 +127,27 @@ def test_a_still_performer_must_repeat_the_take(clean: Subject) -> None:
     assert set(_faults(verdict)) == {"motion.moves"} and verdict.judgement == "retake"
 
 
-@given(st.lists(st.floats(-1e3, 1e3), min_size=12, max_size=40), st.floats(-1e3, 1e3))
-def test_statistics_follow_their_definitions(values: list[float], limit: float) -> None:
-    array = np.array(values)
-    with_gap = np.concatenate([[np.nan], array])
-    for statistic in ("max", "min", "mean", "median", "sum", "p20", "spread"):
-        assert np.isclose(reduced(statistic, with_gap, 10, 0.1), reduced(statistic, array, 10, 0.1))
-    beyond = (array > limit).astype(float)
+@given(st.lists(st.integers(-8000, 8000).map(lambda n: n / 8), min_size=12, max_size=40), st.integers(-1000, 1000))
+def test_statistics_follow_their_definitions(values: list[float], limit: int) -> None:
+    percent, fortieths = (statistics.quantiles(values, n=n, method="inclusive") for n in (100, 40))
+    clipped = [min(max(value, fortieths[0]), fortieths[-1]) for value in values]
+    middle = statistics.median(values)
+    medians = [statistics.median(values[k : k + 10]) for k in range(0, len(values) - 10, 10)]
+    beyond = [value > limit for value in values]
     runs = "".join("1" if flag else " " for flag in beyond).split()
-    assert np.isclose(reduced("share", beyond, 10, 0.1), 100 * beyond.mean())
-    assert np.isclose(reduced("longest", beyond, 10, 0.1), 0.1 * max(map(len, runs), default=0))
-    assert np.isclose(reduced("share > 0", array, 10, 0.1), 100 * (array > 0).mean())
+    wanted = {
+        **{"max": max(values), "min": min(values), "mean": statistics.fmean(values), "sum": sum(values)},
+        **{"median": middle, "p20": percent[19], "spread": percent[94] - percent[4]},
+        "variation": 100 * statistics.pstdev(clipped) / max(abs(middle), 1e-9),
+        "scatter": 100 * statistics.fmean(abs(value - middle) for value in values) / max(abs(middle), 1e-9),
+        "per minute": 60 * sum(values) / (0.1 * len(values)),
+        f"share > {limit}": 100 * statistics.fmean(beyond),
+        f"share < {limit}": 100 * statistics.fmean(value < limit for value in values),
+        f"longest > {limit}": 0.1 * max(map(len, runs), default=0),
+    }
+    for name, value in wanted.items():
+        assert np.isclose(reduced(name, np.array([np.nan, *values]), 10, 0.1), value), name
+    assert reduced("change", np.array(values), 10, 0.1) == max(medians) - min(medians)
 
 
 def test_an_impossible_limit_fails_and_blames(clean: Subject) -> None:

@@ -130,6 +130,18 @@ def test_joints_interpolated_together_equal_each_alone() -> None:
         np.testing.assert_allclose(together[:, k], interpolate(joints[:, k], 20, 50, 24.0), atol=1e-12)
 
 
+@given(st.integers(0, 10_000), st.integers(3, 56), st.booleans())
+def test_a_known_frame_between_two_gaps_tells_no_speed(seed: int, alone: int, guessing: bool) -> None:
+    """So each side is filled as it is without the other."""
+    rotation, missing = swing(60, seed), np.ones(60, dtype=bool)
+    missing[[0, 1, alone, 58, 59]] = False
+    guess = swing(60, seed + 1) if guessing else None
+    whole = fill(rotation, missing, 1 / RATE, guess)
+    for part in (slice(alone + 1), slice(alone, 60)):
+        filled = fill(rotation[part], missing[part], 1 / RATE, guess[part] if guess is not None else None)
+        np.testing.assert_allclose(whole[part], filled, atol=1e-12)
+
+
 def test_positions_are_interpolated_as_rotations_about_one_axis() -> None:
     angle = np.cumsum(np.random.default_rng(2).normal(scale=0.02, size=60))
     place, rotation = angle[:, None] * [1.0, 0.0, 0.0], np.asarray(quaternion_exp(angle[:, None] * [1.0, 0.0, 0.0]))
