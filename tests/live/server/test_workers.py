@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -124,26 +125,42 @@ def test_the_worker_with_the_fewest_connections_gets_the_next(handing: tuple[int
         connected(1)
 
 
-def test_a_worker_serves_passed_connections_and_ends_with_its_parent(handing: tuple[int, list[socket.socket]]) -> None:
-    port, workers = handing
+def test_a_worker_serves_passed_connections_reports_their_ends_and_ends_with_its_parent() -> None:
+    parent, channel = socket.socketpair()
     ready, tasks = threading.Event(), []
 
     def started(server: object) -> None:
         import asyncio
 
-        tasks.append(asyncio.get_running_loop().create_task(_take_connections(server, workers[0])))
+        tasks.append(asyncio.get_running_loop().create_task(_take_connections(server, channel)))
         ready.set()
 
     server = make_server(ServerSettings(), started)
     thread = threading.Thread(target=server.run, args=([],))
     thread.start()
     assert ready.wait(20)
-    with connect(f"ws://127.0.0.1:{port}/ws", subprotocols=[Subprotocol(SUBPROTOCOL)], compression=None) as client:
-        client.send(write_message(Hello(1, DEVICES)))
-        assert json.loads(client.recv(timeout=10))["type"] == "welcome"
-    workers[0].shutdown(socket.SHUT_RD)  # as if the parent were gone
-    thread.join(20)
-    assert not thread.is_alive()
+    with parent, channel, listen_tcp("--port", "127.0.0.1", 0) as bound, ExitStack() as clients:
+        parent.settimeout(5)
+        host, port = bound.getsockname()
+        first, *others = (clients.enter_context(socket.create_connection((host, port), timeout=5)) for _ in range(3))
+        for _ in range(3):
+            with bound.accept()[0] as connection:
+                socket.send_fds(parent, [b"+"], [connection.fileno()])
+        options = {"subprotocols": [Subprotocol(SUBPROTOCOL)], "compression": None}
+        with connect(f"ws://{host}:{port}/ws", sock=first, **options) as client:
+            client.send(write_message(Hello(1, DEVICES)))
+            assert json.loads(client.recv(timeout=10))["type"] == "welcome"
+        for other in others:
+            other.close()
+        reports = b""
+        while reports.count(pool_module._ENDED) < 3:
+            reports += parent.recv(64)
+        time.sleep(3 * pool_module._REPORT_INTERVAL)
+        reports += parent.recv(64, socket.MSG_DONTWAIT) if select.select([parent], [], [], 0)[0] else b""
+        assert reports.count(pool_module._ENDED) == 3
+        parent.shutdown(socket.SHUT_RDWR)
+        thread.join(20)
+        assert not thread.is_alive()
 
 
 @contextmanager
