@@ -10,9 +10,11 @@ import time
 import urllib.error
 import urllib.request
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from cryptography import x509
 
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import SIGNAL
@@ -43,6 +45,15 @@ def test_a_certificate_is_created_once_for_its_addresses(tmp_path: Path) -> None
     assert certificate.read_bytes() == first
     own_certificate(tmp_path / "state", ("192.168.1.8",))
     assert certificate.read_bytes() != first
+
+
+def test_browsers_accept_a_certificate_that_cannot_sign_others(tmp_path: Path) -> None:
+    """Browsers refuse certificates of more than 398 days; clocks may be late by a day."""
+    made = x509.load_pem_x509_certificate(own_certificate(tmp_path, ("192.168.1.7",))[0].read_bytes())
+    assert made.extensions.get_extension_for_class(x509.BasicConstraints).value.path_length == 0
+    now, day = datetime.now(UTC), timedelta(days=1)
+    assert made.not_valid_before_utc <= now - day and now + 300 * day < made.not_valid_after_utc
+    assert made.not_valid_after_utc - made.not_valid_before_utc <= 398 * day
 
 
 def test_invalid_certificate_files_are_named(tmp_path: Path) -> None:
