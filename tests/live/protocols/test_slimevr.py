@@ -103,9 +103,16 @@ def test_late_and_unknown_datagrams_are_dropped() -> None:
     assert played(turned(1, np.array([1.0, 0, 0, 0]))).reason == "a tracker without a handshake"
     unknown = played(handshake(), known=frozenset({"BB:00:00:00:00:00"}))
     assert unknown.reason == f"the tracker {SERIAL} is not in the table" and not unknown.state.trackers
-    broken = struct.pack(">IQBB4fB", 17, 1, 0, 1, 5.0, 0.0, 0.0, 0.0, 0)
-    assert played(handshake(), broken).reason == "sensor 0: its rotation is not a unit quaternion"
     assert played(handshake(), turned(1, np.array([1.0, 0, 0, 0]), 200)).reason is not None
+
+
+@given(st.floats(width=32) | st.floats(0.875, 1.125, width=32), st.integers(0, 3))
+def test_a_rotation_is_a_unit_quaternion(value: float, place: int) -> None:
+    parts = [0.0, 0.0, 0.0, 0.0]
+    parts[place] = value
+    reason = played(handshake(), struct.pack(">IQBB4fB", 17, 1, 0, 1, *parts, 0)).reason
+    assert (reason is None) == (0.99 < abs(value) < 1.01)
+    assert reason in (None, "sensor 0: its rotation is not a unit quaternion")
 
 
 def test_a_tracker_keeps_its_name_at_another_address() -> None:

@@ -179,8 +179,8 @@ class _TrackerUpdate:
 
     def _turn(self, sensor: int, rotation: Sequence[float], now: float) -> str | None:
         values = np.array([rotation[3], *rotation[:3]])
-        length = float(np.linalg.norm(values)) if np.isfinite(values).all() and np.abs(values).max() < 2 else 0.0
-        if abs(length - 1) > UNIT_TOLERANCE:
+        length = float(np.linalg.norm(values))
+        if not abs(length - 1) < UNIT_TOLERANCE:  # NaN compares false
             return f"sensor {sensor}: its rotation is not a unit quaternion"
         turn = quaternion_multiply(_UPRIGHT, values / length)
         return self._put(sensor, replace(self._sensor(sensor), works=True, rotation=turn, at=now))
