@@ -16,10 +16,10 @@ def stick_figure(subject: Subject, frame: int, marked: str = "", size: int = 132
     known = [k for k, name in enumerate(subject.points) if np.isfinite(place[k]).all()]
     if not known:
         return f'<svg class="figure" viewBox="0 0 {_WIDE} {_HIGH}" height="{size}"></svg>'
-    turn, middle = _heading(subject, frame) + _TURN, np.median(place[known], axis=0)
-    low = subject.ground if np.isfinite(subject.ground) else middle[1] - 0.9
-    away = place - middle
-    x = _WIDE / 2 + away[:, 0] * np.cos(turn) - away[:, 2] * np.sin(turn)
+    turn = _heading(subject, frame) + _TURN
+    low = subject.ground if np.isfinite(subject.ground) else np.median(place[known, 1]) - 0.9
+    across = place[:, 0] * np.cos(turn) - place[:, 2] * np.sin(turn)
+    x = _WIDE / 2 + across - np.median(across[known])
     y = _HIGH - _FLOOR - (place[:, 1] - low)
     drawn = {subject.points[k]: (x[k], y[k]) for k in known}
     lines = [_line("floor", (0.1, _HIGH - _FLOOR), (_WIDE - 0.1, _HIGH - _FLOOR))]
