@@ -27,6 +27,7 @@ from bodysense.io.rigs import figure
 from bodysense.sources.open import MotionSource, open_source
 from bodysense.sources.partial_motion import open_partial
 from bodysense.takes import take as takes
+from bodysense.takes import two_way
 from bodysense.takes.filling import (
     KnownPoints,
     expected_deviations,
@@ -39,7 +40,7 @@ from bodysense.takes.filling import (
     with_filled,
 )
 from bodysense.takes.take import Completion, FilledFile, fill_file, track
-from bodysense.takes.two_way import WINDOW, TwoWayTracker
+from bodysense.takes.two_way import TwoWayTracker
 from bodysense.tracking.estimate import CONTACT_POINTS, Estimate
 from bodysense.tracking.tracker import TrackerSettings
 
@@ -319,7 +320,8 @@ def test_a_file_is_filled_by_windows_and_blocks_as_in_one_piece(
     steps: Clip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
 ) -> None:
     """Over random holes of a take that is longer than two windows; its text is read again when it is written."""
-    rng, path, parts = np.random.default_rng(seed), tmp_path / "long.bvh", 10
+    rng, path, parts = np.random.default_rng(seed), tmp_path / "long.bvh", 2
+    monkeypatch.setattr(two_way, "WINDOW", 12.0)  # s; with the 60 s of takes it would need five times the frames
     pose = Pose(
         steps.pose.skeleton,
         np.concatenate([steps.pose.root_position] * parts),
@@ -332,14 +334,14 @@ def test_a_file_is_filled_by_windows_and_blocks_as_in_one_piece(
         f"{root}{'+' * (root != 'pelvis')}:{first}-{last}" for root, (first, last) in zip(roots, spans, strict=True)
     ]
     partial = open_partial(path, missing_items(missing))
-    assert len(partial.clip) > 2.5 * WINDOW * 5
+    assert len(partial.clip) > 2.5 * two_way.WINDOW * 5
     tracker = TwoWayTracker(Person(partial.clip.pose.skeleton), None, TrackerSettings())
     whole = tracker.complete(known_points(partial), float(np.median(np.diff(partial.clip.time))))
     rotation = fill_motion(partial, whole)
     assert partial.file is not None
     expected = partial.file.with_rotation(dict(enumerate(rotation.swapaxes(0, 1))), partial.missing)
     expected.write(tmp_path / "expected.bvh")
-    monkeypatch.setattr(figure, "BLOCK", 97)
+    monkeypatch.setattr(figure, "BLOCK", 47)
     monkeypatch.setattr(bvh_text, "_LARGE_TEXT", 0)
     monkeypatch.setattr(bvh_text, "_PART", 1000)
     completion = Completion(TrackerSettings(), None, False, lambda done, frames: None)

@@ -66,7 +66,6 @@ def test_calibration_assigns_unassigned_trackers_and_saves_the_wearer(server_of:
         assert off < 0.04  # mostly the error of the height, which is inferred from the head
 
 
-@pytest.mark.slow
 def test_the_calibrate_command(server_of: Serving, capsys: pytest.CaptureFixture[str]) -> None:
     from bodysense_live.commands.calibrate import calibrate
 
@@ -82,7 +81,7 @@ def test_the_calibrate_command(server_of: Serving, capsys: pytest.CaptureFixture
     wearer = threading.Thread(target=send)
     wearer.start()
     try:
-        calibrate(f"{server.http}/", wait=0.3)
+        calibrate(f"{server.http}/", wait=0.01)
     finally:
         over.set()
         wearer.join()
