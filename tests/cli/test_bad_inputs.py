@@ -289,23 +289,16 @@ def test_an_empty_path_is_not_the_current_folder(folder: Path, refused: Refused,
     assert files(folder) == before
 
 
-def test_a_missing_folder_is_refused_without_pytorch(folder: Path) -> None:
+def test_motion_is_described_and_a_missing_folder_refused_without_pytorch(folder: Path) -> None:
+    """PyTorch takes 0.2 GB and seconds."""
     pytest.importorskip("bodysense_lab", reason="needs packages/lab")
-    commands = ("train completion -o out.safetensors --data missing", "train arms -o a.onnx --data missing")
+    trainings = ("train completion -o out.safetensors --data missing", "train arms -o a.onnx --data missing")
     script = "import sys; from bodysense.cli import main\n"
     script += "print(*(main(command.split()) for command in sys.argv[1:]), 'torch' in sys.modules)"
-    run = [sys.executable, "-c", script, *commands]
+    run = [sys.executable, "-c", script, "data info motion.bvh", *trainings]
     done = subprocess.run(run, capture_output=True, text=True, timeout=120, check=False)
-    assert done.stdout == "2 2 False\n" and done.stderr.count("--data missing: no such folder") == 2
-
-
-def test_motion_is_described_without_pytorch(folder: Path) -> None:
-    """PyTorch takes 0.2 GB and seconds, for a command that looks at files."""
-    pytest.importorskip("bodysense_lab", reason="needs packages/lab")
-    script = "import sys; from bodysense.cli import main; main(sys.argv[1:]); print('torch' in sys.modules)"
-    run = [sys.executable, "-c", script, "data", "info", "motion.bvh"]
-    done = subprocess.run(run, capture_output=True, text=True, timeout=120, check=False)
-    assert done.stdout.splitlines()[-1:] == ["False"], done.stdout + done.stderr
+    assert done.stdout.splitlines()[-1:] == ["0 2 2 False"], done.stdout + done.stderr
+    assert done.stderr.count("--data missing: no such folder") == 2
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")

@@ -13,7 +13,7 @@ import pickle
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -51,19 +51,23 @@ ELSEWHERE = {
 }
 
 
-def messages() -> Iterator[str]:
-    """Yield the texts of the library, with {} for values; docstrings are left out."""
+@cache
+def messages() -> tuple[str, ...]:
+    """Return the texts of the library, with {} for values; docstrings are left out."""
+    found = list[str]()
     for path in sorted(SOURCES.rglob("*.py")):
-        tree = ast.parse(path.read_text(encoding="utf-8"))
-        dropped = set[int]()
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+        nodes, dropped = list(ast.walk(ast.parse(path.read_text(encoding="utf-8")))), set[int]()
+        for node in nodes:
+            if isinstance(node, ast.Expr):
                 dropped.add(id(node.value))
             if isinstance(node, ast.JoinedStr):
                 dropped |= {id(part) for part in node.values}
-                yield "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
-        constants = (node for node in ast.walk(tree) if isinstance(node, ast.Constant) and id(node) not in dropped)
-        yield from (node.value for node in constants if isinstance(node.value, str))
+                found.append(
+                    "".join(str(part.value) if isinstance(part, ast.Constant) else "{}" for part in node.values)
+                )
+        constants = (node for node in nodes if isinstance(node, ast.Constant) and id(node) not in dropped)
+        found += [node.value for node in constants if isinstance(node.value, str)]
+    return tuple(found)
 
 
 @cache

@@ -1,6 +1,7 @@
 """Products of tables with vectors: as exact as inputs of one or two bytes are, and the same bits from every kernel."""
 
 import ctypes
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import expit
 
-from .network_library import aligned, compiled
+from .network_library import aligned
 
 GROUP, BLOCK, KERNELS = 16, 64, 6
 PAIRS, QUADS = 2, 4  # bundles of inputs in two bytes, and in one
@@ -52,8 +53,8 @@ class Kernel(ctypes.Structure):
 
 
 @pytest.fixture(scope="module")
-def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    opened = ctypes.CDLL(str(compiled(tmp_path_factory.mktemp("core"))))
+def library(networks_file: Path) -> ctypes.CDLL:
+    opened = ctypes.CDLL(str(networks_file))
     opened.kernel_at.restype = opened.fastest_kernel.restype = Kernel
     return opened
 

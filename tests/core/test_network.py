@@ -14,20 +14,15 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.geometry.rotation import normalize, quaternion_exp, quaternion_to_matrix
 from bodysense_lab.completion.networks.weights_file import read_safetensors, safetensors_bytes
 
-from .network_library import BODY, PREDICTION, TRACKED, NetworkLibrary, compiled, filled, open_library
+from .network_library import BODY, PREDICTION, TRACKED, NetworkLibrary, filled, open_library
 from .twin.points import HEAD, rest_height
 
 WEIGHTS = Path(str(files("bodysense.weights") / "completion.safetensors"))
 
 
 @pytest.fixture(scope="session")
-def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return compiled(tmp_path_factory.mktemp("core"))
-
-
-@pytest.fixture(scope="session")
-def network(library: Path) -> NetworkLibrary:
-    result, opened = open_library(library, WEIGHTS.read_bytes())
+def network(networks_file: Path) -> NetworkLibrary:
+    result, opened = open_library(networks_file, WEIGHTS.read_bytes())
     assert result == 0 and opened is not None
     return opened
 
@@ -176,8 +171,8 @@ def wider(columns: int) -> dict[str, np.ndarray | None]:
         (WEIGHTS.with_name("arms.onnx").read_bytes, DAMAGED),
     ],
 )
-def test_files_are_opened_or_refused(library: Path, file: Callable[[], bytes], result: int) -> None:
-    assert open_library(library, file())[0] == result
+def test_files_are_opened_or_refused(networks_file: Path, file: Callable[[], bytes], result: int) -> None:
+    assert open_library(networks_file, file())[0] == result
 
 
 RANK = 16
@@ -197,10 +192,10 @@ def updates(rank: int = RANK, **changed: int) -> dict[str, np.ndarray]:
     return out
 
 
-def test_updates_act_on_people_whose_heads_are_not_tracked(library: Path) -> None:
+def test_updates_act_on_people_whose_heads_are_not_tracked(networks_file: Path) -> None:
     """People with a tracked head are completed as without updates. Each product changes the others of a batch."""
     none = dict.fromkeys(updates())
-    (_, plain), (_, updated) = (open_library(library, changed_file(parts)) for parts in (none, updates()))
+    (_, plain), (_, updated) = (open_library(networks_file, changed_file(parts)) for parts in (none, updates()))
     assert plain is not None and updated is not None
     rng = np.random.default_rng(9)
     frames = [scene(rng, 6) for _ in range(3)]
@@ -213,7 +208,7 @@ def test_updates_act_on_people_whose_heads_are_not_tracked(library: Path) -> Non
         assert differs.tolist() == [False, False, True, True, True, False]
     for name in UPDATED:
         zeros = {key: np.zeros_like(value) for key, value in updates().items() if name in key}
-        _, one = open_library(library, changed_file(updates() | zeros))
+        _, one = open_library(networks_file, changed_file(updates() | zeros))
         assert one is not None
         last = completed(one, frames)[-1]
         assert (last != both[0][-1]).any(axis=1).tolist() == [False, False, True, True, True, False]
@@ -231,13 +226,13 @@ def test_updates_act_on_people_whose_heads_are_not_tracked(library: Path) -> Non
     ],
 )
 def test_updates_are_of_one_rank_in_whole_groups(
-    library: Path, tables: Mapping[str, np.ndarray | None], result: int
+    networks_file: Path, tables: Mapping[str, np.ndarray | None], result: int
 ) -> None:
-    assert open_library(library, changed_file(tables))[0] == result
+    assert open_library(networks_file, changed_file(tables))[0] == result
 
 
-def test_accelerations_without_weights_change_nothing(library: Path) -> None:
-    (_, without), (_, unheard) = (open_library(library, changed_file(narrow(more))) for more in (0, 48))
+def test_accelerations_without_weights_change_nothing(networks_file: Path) -> None:
+    (_, without), (_, unheard) = (open_library(networks_file, changed_file(narrow(more))) for more in (0, 48))
     assert without is not None and unheard is not None
     frames = [scene(np.random.default_rng(7), 2) for _ in range(2)]
     for got, wanted in zip(completed(unheard, frames), completed(without, frames), strict=True):
@@ -245,11 +240,11 @@ def test_accelerations_without_weights_change_nothing(library: Path) -> None:
 
 
 @given(st.integers(0, 8 + 6000), st.integers(0, 255), st.integers(0, 2**32 - 1))
-def test_any_header_is_opened_or_refused(library: Path, at: int, byte: int, seed: int) -> None:
+def test_any_header_is_opened_or_refused(networks_file: Path, at: int, byte: int, seed: int) -> None:
     """Bytes of the header are changed, and the file is cut."""
     rng, file = np.random.default_rng(seed), bytearray(WEIGHTS.read_bytes())
     file[at] = byte
     for place in rng.integers(8, 6000, rng.integers(0, 4)):
         file[place] = rng.choice(list(b'{}[],:"0129- '))
-    result, _ = open_library(library, bytes(file[: rng.choice([len(file), 2000, at])]))
+    result, _ = open_library(networks_file, bytes(file[: rng.choice([len(file), 2000, at])]))
     assert result in (OK, DAMAGED, FOREIGN, NEWER, INCOMPLETE)
