@@ -232,16 +232,17 @@ def test_every_supported_python_is_tested_on_a_push() -> None:
 
 UNIX = {"fcntl", "pwd", "grp", "termios", "tty", "pty", "resource", "syslog"}  # modules that Windows lacks
 MISSING = {"fork", "forkpty", "getuid", "geteuid", "mkfifo", "sysconf", "SIGKILL", "SIGHUP", "add_signal_handler"}
+STARTS = {"get_context", "set_start_method"}  # of processes, which only "spawn" starts everywhere
 MEASURING = ("bench/timing.py",)  # of the laboratory, on Unix
 
 
-@pytest.mark.parametrize("package", ["src/bodysense", *(f"packages/{name}/src" for name in ("live", "conform", "lab"))])
-def test_nothing_takes_unix_for_granted(package: str) -> None:
-    found = []
-    for path in sorted((ROOT / package).rglob("*.py")):
-        if path.as_posix().endswith(MEASURING):
+def test_nothing_takes_unix_for_granted() -> None:
+    word, found = re.compile(rf"\b({'|'.join([*UNIX, *MISSING, *STARTS])})\b"), []
+    for path in sorted([*(ROOT / "src").rglob("*.py"), *(ROOT / "packages").glob("*/src/**/*.py")]):
+        text = path.read_text(encoding="utf-8")
+        if path.as_posix().endswith(MEASURING) or not word.search(text):
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(ast.parse(text)):
             names: list[str] = []
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names if alias.name in UNIX]
@@ -251,7 +252,6 @@ def test_nothing_takes_unix_for_granted(package: str) -> None:
                 names = [node.attr]
             elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name):
                 called = node.func.attr if isinstance(node.func, ast.Attribute) else node.func.id
-                starts = called in ("get_context", "set_start_method")
-                names = [called] if starts and [ast.unparse(one) for one in node.args] != ["'spawn'"] else []
+                names = [called] if called in STARTS and [ast.unparse(one) for one in node.args] != ["'spawn'"] else []
             found += [f"{path.relative_to(ROOT)}:{getattr(node, 'lineno', 0)}: {name}" for name in names]
     assert not found
