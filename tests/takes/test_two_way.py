@@ -24,7 +24,7 @@ from bodysense.observing.observation import Observation
 from bodysense.observing.points import concatenated_frames
 from bodysense.takes import two_way
 from bodysense.takes.take import track
-from bodysense.takes.two_way import TwoWayTracker, crossfade, infer_person, reverse_time
+from bodysense.takes.two_way import TwoWayTracker, crossfade, reverse_time
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import packaged_model
 from bodysense.tracking.tracker import Tracker, TrackerSettings
@@ -182,7 +182,7 @@ def test_the_person_is_inferred_before_both_passes(waving_clip: Clip) -> None:
     tall = waving_clip.pose.skeleton.scaled(1.9)
     clip = Clip("tall", Pose(tall, waving_clip.pose.root_position * 1.1, waving_clip.pose.rotation), 30.0)
     seen = simulate(clip, "six_point")
-    found = infer_person(seen, Person(), None, TrackerSettings())
+    found = TwoWayTracker(Person(), None, TrackerSettings()).inferred_person(seen)
     estimate = complete(found, seen)
     assert (estimate.rest_offset == estimate.rest_offset[0]).all()
     np.testing.assert_allclose(estimate.rest_offset[0], found.skeleton.rest_offset, atol=1e-6)

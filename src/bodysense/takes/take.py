@@ -30,7 +30,7 @@ from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, 
 from bodysense.sources.signals import Signal, check_size, refuse, signal_from
 from bodysense.takes.marker_body import fit_to_markers, is_fitted
 from bodysense.takes.thinning import at_all_frames, kept_frames
-from bodysense.takes.two_way import Frames, concatenate_estimates, start_of_take, windows_both_ways
+from bodysense.takes.two_way import Frames, TwoWayTracker, concatenate_estimates, start_of_take
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import CompletionModel
 from bodysense.tracking.tracker import Tracker, TrackerSettings
@@ -413,17 +413,17 @@ def _completed_windows(
     points = observation.points
     if not completion.causal:
         body = concatenated_frames(list(_body_points(observation, person))) if glove_hands(points) else observation
-        network, settings = completion.network, completion.settings
-        windows, inferred = windows_both_ways(body, person, network, settings, interval, completion.advance)
-        return windows, lambda: inferred
-    tracker = Tracker(person, network=completion.network, settings=completion.settings)
-    state = start_of_take(tracker)
+        both_ways = TwoWayTracker(person, completion.network, completion.settings)
+        tracker, advance = both_ways.of_inferred(body, completion.advance)
+        return tracker.windows(body, interval, advance), lambda: tracker.person
+    live = Tracker(person, network=completion.network, settings=completion.settings)
+    state = start_of_take(live)
 
     def parts() -> Iterator[Estimate]:
         nonlocal state
         done = 0
         for frames in _body_points(observation, person):
-            estimate, state = tracker.step(frames, state)
+            estimate, state = live.step(frames, state)
             yield estimate
             done += len(frames)
             completion.advance(done, len(observation))

@@ -93,6 +93,36 @@ class TwoWayTracker:
         parts = self.windows(observation, seconds, advance)
         return concatenate_estimates(parts, len(observation), self.person.skeleton.rest_offset)
 
+    def of_inferred(
+        self, observation: Frames, advance: Callable[[int, int], None] = lambda done, frames: None
+    ) -> tuple[TwoWayTracker, Callable[[int], None]]:
+        """Return this tracker for the person that a recording (T, P) reveals, and the `advance` of its completion.
+
+        `observation` has points of the body, without gloves. `advance` gets the number of done frames, and of all.
+        """
+        frames, done, settings = len(observation), 0, self.settings
+        infers = settings.infer and bool(self.person.bone_deviation.any() or self.person.mounts)
+        steps = 2 * frames + infers * min(frames, _PARTS * _FRAMES)
+
+        def advance_by(more: int) -> None:
+            nonlocal done
+            done += more
+            advance(min(done * frames // steps, frames), frames)
+
+        person = self.inferred_person(observation, advance_by) if infers else self.person
+        return replace(self, person=person), lambda more: advance_by(2 * more)
+
+    def inferred_person(self, observation: Frames, advance: Callable[[int], None] = lambda frames: None) -> Person:
+        """Infer unknown properties of the person in one pass over all frames, or over parts of a long take."""
+        tracker = Tracker(self.person, self.network, self.settings)
+        state, starts = start_of_take(tracker), range(0, len(observation), _FRAMES)
+        for k in sorted({round(place) for place in np.linspace(0, len(starts) - 1, _PARTS).tolist()}):
+            first = starts[k]
+            part = observation[first : first + _FRAMES]
+            _, state = tracker.step(part, state)
+            advance(len(part))
+        return state.person()
+
     def windows(
         self, observation: Frames, seconds: float, advance: Callable[[int], None] = lambda frames: None
     ) -> Iterator[Estimate]:
@@ -217,85 +247,10 @@ class TwoWayTracker:
         )
 
 
-def complete_both_ways(
-    observation: Frames,
-    person: Person,
-    network: CompletionModel | None,
-    settings: TrackerSettings,
-    seconds: float,
-    advance: Callable[[int, int], None] = lambda done, frames: None,
-    backward_network: CompletionModel | None = None,
-    joining: JoiningNetwork | None = None,
-) -> tuple[Estimate, Person]:
-    """Complete a recording (T, P) with past and future; return the estimate and the person as inferred at its end.
-
-    Arguments as for `windows_both_ways`.
-    """
-    parts, person = windows_both_ways(
-        observation, person, network, settings, seconds, advance, backward_network, joining
-    )
-    return concatenate_estimates(parts, len(observation), person.skeleton.rest_offset), person
-
-
-def windows_both_ways(
-    observation: Frames,
-    person: Person,
-    network: CompletionModel | None,
-    settings: TrackerSettings,
-    seconds: float,
-    advance: Callable[[int, int], None] = lambda done, frames: None,
-    backward_network: CompletionModel | None = None,
-    joining: JoiningNetwork | None = None,
-) -> tuple[Iterator[Estimate], Person]:
-    """Yield the completed windows of a recording (T, P); return them and the person as inferred at its end.
-
-    Args:
-        observation: points of the body, without gloves.
-        person: known properties of the wearer.
-        network: completion network; the packaged ones, one for each direction, if omitted.
-        settings: floor, whether feet are held, whether proportions are inferred.
-        seconds: time between frames.
-        advance: called with the number of done frames, and of all.
-        backward_network: completion network of the backward pass; `network` if omitted.
-        joining: network that joins both passes; the packaged one if omitted.
-    """
-    frames, done = len(observation), 0
-    infers = settings.infer and bool(person.bone_deviation.any() or person.mounts)
-    steps = 2 * frames + infers * min(frames, _PARTS * _FRAMES)
-
-    def advance_by(more: int) -> None:
-        nonlocal done
-        done += more
-        advance(min(done * frames // steps, frames), frames)
-
-    if infers:
-        person = infer_person(observation, person, network, settings, advance_by)
-    tracker = TwoWayTracker(person, network, settings, backward_network, joining)
-    return tracker.windows(observation, seconds, lambda more: advance_by(2 * more)), person
-
-
 def start_of_take(tracker: Tracker) -> TrackerState:
     """Return the state before the first frame, which looks for no wrong world: a take has no notices of an estimate."""
     state = tracker.start()
     return replace(state, guards=(LOOKED,) * len(state.guards))
-
-
-def infer_person(
-    observation: Frames,
-    person: Person,
-    network: CompletionModel | None,
-    settings: TrackerSettings,
-    advance: Callable[[int], None] = lambda frames: None,
-) -> Person:
-    """Infer unknown properties of a person in one pass over all frames, or over parts of a long take."""
-    tracker = Tracker(person, network, settings)
-    state, starts = start_of_take(tracker), range(0, len(observation), _FRAMES)
-    for k in sorted({round(place) for place in np.linspace(0, len(starts) - 1, _PARTS).tolist()}):
-        first = starts[k]
-        part = observation[first : first + _FRAMES]
-        _, state = tracker.step(part, state)
-        advance(len(part))
-    return state.person()
 
 
 def reverse_time(observation: Observation) -> Observation:

@@ -14,7 +14,7 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.observing.observation import Observation
 from bodysense.takes.joining_network import JoiningNetwork, load_joining
-from bodysense.takes.two_way import complete_both_ways
+from bodysense.takes.two_way import TwoWayTracker
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import CompletionModel, load_completion, packaged_model
 from bodysense.tracking.tracker import Tracker, TrackerSettings, step_together
@@ -104,11 +104,8 @@ class TakeTracker:
     def __call__(self, person: Person, observation: Observation) -> TrackedMotion:
         """Complete a take (T, P) of one person."""
         network, backward, joining = self.networks
-        settings = TrackerSettings()
-        estimate, _ = complete_both_ways(
-            observation, person, network, settings, 1 / RATE, backward_network=backward, joining=joining
-        )
-        return TrackedMotion.join([estimate])
+        tracker, _ = TwoWayTracker(person, network, TrackerSettings(), backward, joining).of_inferred(observation)
+        return TrackedMotion.join([tracker.complete(observation, 1 / RATE)])
 
 
 def _absolute(path: Path | None) -> Path | None:
