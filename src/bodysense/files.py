@@ -139,6 +139,14 @@ def read_json(path: str | Path, fix: str, option: str = "") -> Any:
         raise BodysenseError(f"{name} is not JSON ({error}); {fix}") from None
 
 
+def json_or_text(text: str) -> Any:
+    """Return a field of a network's card, parsed as JSON if possible; other tools write plain text."""
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
+
+
 def read_bytes(path: str | Path, largest: int = LARGEST_TEXT, fix: str = "cut it in parts") -> bytes:
     """Return the content of a file of at most `largest` bytes.
 

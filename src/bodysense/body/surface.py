@@ -93,7 +93,9 @@ def fit_surface(skeleton: Skeleton) -> BodySurface:
         raise BodysenseError("body: only a skeleton with the default's points and parents can be drawn")
     scale = skeleton.extent / own.extent
     moved = _rest(skeleton) - scale * _rest(own)  # (P, 3) m, of each point, apart from the scale
-    ends = np.array([_end(own, joint) for joint in range(len(own.joints))])
+    ends = np.array(  # of each joint's bone
+        [own.index(_ENDS[name]) if name in _ENDS else own.parents.index(joint) for joint, name in enumerate(own.joints)]
+    )
     rest = _rest(own)
     bone = rest[ends] - rest[: len(ends)]
     fitted = scale * avatar.mesh.position
@@ -118,12 +120,6 @@ def nearest_points(skeleton: Skeleton) -> np.ndarray:
 def _rest(skeleton: Skeleton) -> np.ndarray:
     """Return the points (P, 3) m of the T-pose."""
     return skeleton.path @ skeleton.rest_offset + skeleton.rest_offset[0]
-
-
-def _end(skeleton: Skeleton, joint: int) -> int:
-    """Return the point at which a joint's bone ends."""
-    named = _ENDS.get(skeleton.joints[joint])
-    return skeleton.index(named) if named else skeleton.parents.index(joint)
 
 
 @lru_cache(maxsize=1)

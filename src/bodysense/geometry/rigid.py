@@ -15,10 +15,6 @@ from bodysense.geometry.rotation import (
 )
 
 
-def _identity_rotation() -> np.ndarray:
-    return np.array([1.0, 0.0, 0.0, 0.0])
-
-
 @dataclass(frozen=True, eq=False)
 class RigidTransform:
     """T_a_b: maps coordinates in frame b to coordinates in frame a; its translation is the origin of b in a.
@@ -27,7 +23,7 @@ class RigidTransform:
     """
 
     translation: np.ndarray = field(default_factory=lambda: np.zeros(3))  # (3,) m
-    rotation: np.ndarray = field(default_factory=_identity_rotation)  # (4,) wxyz, a ← b
+    rotation: np.ndarray = field(default_factory=lambda: np.array([1.0, 0, 0, 0]))  # (4,) wxyz, a ← b
 
     def __post_init__(self) -> None:
         for name, size in (("translation", 3), ("rotation", 4)):

@@ -49,7 +49,11 @@ def rebuilt_flat_trees(figures: list[Figure], options: ReadingOptions) -> list[F
     ours = {of: name for name, of in given.items() if name in names}
     if not {"pelvis", *ARMS, *LEGS} <= ours.keys() or any(_contains_limb_bone(figure, ours) for figure in figures):
         return figures
-    trunk = [name for name in names if _is_trunk(name) and name not in given]
+    trunk = [
+        name
+        for name in names
+        if parts(name) & {"spine", "neck"} and not side_of(name) and not is_end(name) and name not in given
+    ]
     joints = _in_world(figures, [*ours.values(), *trunk])
     parents = _parents(ours, _upward(trunk, ours, joints))
     order = list(parents)
@@ -74,11 +78,6 @@ def rebuilt_flat_trees(figures: list[Figure], options: ReadingOptions) -> list[F
         nodes=tuple(joints[name][2] for name in order),
     )
     return [body]
-
-
-def _is_trunk(name: str) -> bool:
-    """Whether a name means a joint between pelvis and head."""
-    return bool(parts(name) & {"spine", "neck"}) and not side_of(name) and not is_end(name)
 
 
 def _in_world(figures: list[Figure], names: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray, int]]:

@@ -145,15 +145,13 @@ def _draw_over(pixels: np.ndarray, pose: Pose, camera: Camera) -> Image:
     for is_rim in (True, False):  # a dark rim under all bones
         for point, parent in enumerate(skeleton.parents[1:], start=1):
             width = thick * (1.7 if is_rim else 1.0) * (0.5 if skeleton.wrist_of[point] >= 0 else 1.0)
-            color = (20, 24, 28, 110) if is_rim else (*_color_of(skeleton.points[point]), 235)
+            name = skeleton.points[point]
+            of_side = _LEFT if name.startswith("left") else _RIGHT if name.startswith("right") else _MIDDLE
+            color = (20, 24, 28, 110) if is_rim else (*of_side, 235)
             draw.line([(x[parent], y[parent]), (x[point], y[point])], fill=color, width=max(round(width), 1))
     whole = Image.fromarray(pixels).convert("RGBA")
     whole.alpha_composite(layer.reduce(_FINE))
     return whole.convert("RGB")
-
-
-def _color_of(name: str) -> tuple[int, int, int]:
-    return _LEFT if name.startswith("left") else _RIGHT if name.startswith("right") else _MIDDLE
 
 
 @lru_cache(maxsize=4)

@@ -168,7 +168,9 @@ def open_source(source: Source, reading: ReadingOptions = AS_FOUND, markers: Mar
     if kind == "motion" and path.suffix.lower() not in MANY_KINDS:
         return _motion_source(path, reading, markers)
     if kind == "video":
-        _check_video(str(source), reading, markers)
+        if options := given_options(replace(reading, height=None)):
+            raise BodysenseError(f"{source}: a video; {options}: for motions and recordings, leave it out")
+        _refuse_options(str(source), "a video", markers)
         return VideoSource(str(source))
     if kind == "markers":
         return _open_markers(path, reading, markers)
@@ -231,12 +233,6 @@ def _still_limbs(rigged: Rigged) -> HeldStill:
         return rigged.file.joints, flat_lined(rigged.file, joints_of_file(rigged.file, rigged))
     except BodysenseError:  # joints that do not hang on one another: no limb can be judged
         return _NOTHING_HELD
-
-
-def _check_video(name: str, reading: ReadingOptions, markers: MarkerOptions) -> None:
-    if options := given_options(replace(reading, height=None)):
-        raise BodysenseError(f"{name}: a video; {options}: for motions and recordings, leave it out")
-    _refuse_options(name, "a video", markers)
 
 
 def _refuse_options(name: str | Path, kind: str, markers: MarkerOptions) -> None:

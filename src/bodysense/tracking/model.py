@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bodysense.errors import BodysenseError
+from bodysense.files import json_or_text
 from bodysense.tracking.core import Model
 
 if TYPE_CHECKING:
@@ -73,7 +74,8 @@ def _opened(source: Traversable) -> CompletionModel:
         length = int.from_bytes(weights[:8], "little")
         header, arrays = json.loads(weights[8 : 8 + length]), memoryview(weights)[8 + length :]
         _check_finite(header, arrays)
-        return CompletionModel(core, {name: _parsed(text) for name, text in header["__metadata__"].items()}, source)
+        card = {name: json_or_text(text) for name, text in header["__metadata__"].items()}
+        return CompletionModel(core, card, source)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:  # text that is damaged, too
         raise BodysenseError(f"{source}: a damaged weights file ({error}); {wanted}") from None
 
@@ -87,11 +89,3 @@ def _check_finite(header: dict[str, Any], arrays: memoryview) -> None:
         first, end = array["data_offsets"]
         if not np.isfinite(np.frombuffer(arrays[first:end], dtype=kind)).all():
             raise ValueError(f"{name} is not finite")
-
-
-def _parsed(text: str) -> Any:
-    """Return a field of the metadata, parsed as JSON if possible."""
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text

@@ -6,7 +6,6 @@ state through inputs `state_…` and outputs `next_…` of equal names. The card
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,6 +18,7 @@ from typing import Any, Self
 import numpy as np
 
 from bodysense.errors import BodysenseError, missing_package
+from bodysense.files import json_or_text
 
 STATE, NEXT = "state_", "next_"  # prefixes of inputs and outputs that carry the state
 _TYPES = {"tensor(float)": np.float32, "tensor(bool)": np.bool_, "tensor(int64)": np.int64}
@@ -88,7 +88,7 @@ class Network:
         missing = [name for name in format.fields if name not in card]
         if missing:
             raise BodysenseError(f"{source}: its card has no {missing[0]!r}; export the network again")
-        return cls(session, {name: _parsed(value) for name, value in card.items()}, source, format)
+        return cls(session, {name: json_or_text(value) for name, value in card.items()}, source, format)
 
     @property
     def name(self) -> str:
@@ -140,11 +140,3 @@ class Network:
             values = np.zeros(shape) if initial is None else np.reshape(initial, shape)
             start[value.name] = values[None].astype(_TYPES[value.type])
         return start
-
-
-def _parsed(text: str) -> Any:
-    """Parse a field of a card as JSON if possible; other tools write plain text."""
-    try:
-        return json.loads(text)
-    except ValueError:
-        return text

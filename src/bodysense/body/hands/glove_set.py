@@ -77,9 +77,9 @@ class GloveSet:
 def packaged_sets() -> dict[str, GloveSet]:
     """Return the packaged sets by name, the standard one first."""
     folder = files("bodysense.body.hands.glove_sets")
-    names = sorted((entry.name for entry in folder.iterdir() if entry.name.endswith(".toml")), key=_standard_first)
+    names = [entry.name for entry in folder.iterdir() if entry.name.endswith(".toml")]
     found: dict[str, GloveSet] = {}
-    for name in names:
+    for name in sorted(names, key=lambda name: (name != f"{STANDARD}.toml", name)):
         one = parse_set(tomllib.loads(folder.joinpath(name).read_text(encoding="utf-8")), name, found.get(STANDARD))
         found[one.name] = one
     return found
@@ -247,7 +247,3 @@ def _name(label: Any) -> str:
 def plain(label: str) -> str:
     """Normalise a label: 'Anna:L_IAS' → 'lias'."""
     return re.sub(r"[^a-z0-9]", "", label.rpartition(":")[2].lower())
-
-
-def _standard_first(name: str) -> tuple[bool, str]:
-    return name != f"{STANDARD}.toml", name

@@ -221,7 +221,8 @@ class VideoDevice:
         (2, 3, 2). Hands are turned toward their landmarks.
         """
         chest = fitted.rotation[self.skeleton.index(CHEST)]
-        position, turned = map(np.asarray, forward_kinematics(self._arm_pose(chest, arms)))
+        pose = Pose(self._arm_skeleton, np.zeros(3), np.vstack([chest, arms]))
+        position, turned = map(np.asarray, forward_kinematics(pose))
         joints = self._arm_skeleton.indices([f"{side}_{part}" for side in SIDES for part in ARM_POINTS]).reshape(2, 3)
         bones = np.asarray(normalize(np.diff(position[joints], axis=1)))
         shoulders = fitted.position[self.skeleton.indices([f"{side}_shoulder" for side in SIDES]), 2]
@@ -269,12 +270,6 @@ class VideoDevice:
         tilt = np.broadcast_to(matrix_to_quaternion(room), (len(known), 4))
         seen.rotation[frame, known] = quaternion_canonical(quaternion_multiply(tilt, rotation[known]))
         seen.has_rotation[frame, known] = True
-
-    def _arm_pose(self, chest: np.ndarray, arms: np.ndarray) -> Pose:
-        """Return the pose of both arms with local rotations (38, 4) on a chest with rotation (4,)."""
-        rotation = np.zeros((len(self._arm_skeleton.joints), 4))
-        rotation[0], rotation[1:] = chest, arms
-        return Pose(self._arm_skeleton, np.zeros(3), rotation)
 
     @cached_property
     def _arm_skeleton(self) -> Skeleton:

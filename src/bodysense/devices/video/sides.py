@@ -23,13 +23,12 @@ _PATIENCE = 1.0  # s for which sides are exchanged without labels of hands
 _SURE = 0.5  # least sum of the hands' labels, −2 to 2, that decides
 
 
-def _exchanged() -> np.ndarray:
-    """Return the index (33,) of each landmark's counterpart."""
-    names = (name.split("_", 1) for name in BODY_LANDMARKS)
-    return np.array([BODY_LANDMARKS.index("_".join([_OTHER.get(side, side), *rest])) for side, *rest in names])
-
-
-EXCHANGED = _exchanged()
+EXCHANGED = np.array(  # (33,) index of each landmark's counterpart
+    [
+        BODY_LANDMARKS.index("_".join([_OTHER.get(side, side), *rest]))
+        for side, *rest in (name.split("_", 1) for name in BODY_LANDMARKS)
+    ]
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -110,7 +110,8 @@ def lay_legs(
     if not is_seated:
         return _stand(fitted, person, room, skeleton)
     position = fitted.position.copy()
-    level = room @ _heading(fitted, skeleton)
+    left, right = position[skeleton.indices([f"{side}_hip" for side in SIDES])]
+    level = room @ [right[2] - left[2], 0.0, left[0] - right[0]]  # where the pelvis faces
     ahead = np.array([level[0], 0.0, level[2]]) / max(float(np.hypot(level[0], level[2])), 1e-9)
     thighs = [_thigh(side, fitted, person, place, focal, room, skeleton, ahead, seen) for side in SIDES]
     rest = _rest(skeleton)
@@ -210,13 +211,6 @@ def _stand(fitted: FittedPoints, person: PersonLandmarks, room: np.ndarray, skel
         moved = position[knee] + ends[1] * sizes[1] / np.linalg.norm(ends[1]) - position[ankle]
         position[[ankle, foot, toe]] += moved
     return _with_legs(fitted, position, skeleton)
-
-
-def _heading(fitted: FittedPoints, skeleton: Skeleton) -> np.ndarray:
-    """Return the direction (3,) in which the pelvis faces."""
-    hips = fitted.position[skeleton.indices([f"{side}_hip" for side in SIDES])]
-    across = hips[0] - hips[1]
-    return np.array([-across[2], 0.0, across[0]])
 
 
 def _rest(skeleton: Skeleton) -> np.ndarray:

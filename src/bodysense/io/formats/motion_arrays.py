@@ -44,8 +44,9 @@ def motion_arrays(path: Path, keys: Sequence[str], poses: Sequence[str], figure:
     content = read_pickled(path) if ending in ENDINGS else unpickled(object_pickle(path), path)
     found = list(_motions(content, (*poses, MOTION), ""))
     if not found:
+        names = [str(key) for key in content] if isinstance(content, dict) else [type(content).__name__]
         raise BodysenseError(
-            f"{path}: no poses among {_listed(content)}; save them with numpy.savez as 'poses', 'trans'"
+            f"{path}: no poses among {', '.join(names[:8])}; save them with numpy.savez as 'poses', 'trans'"
         )
     best = min(_rank(name) for name, _ in found)
     found = [(name, one) for name, one in found if _rank(name) == best]
@@ -103,8 +104,3 @@ def _motions(content: Any, poses: Sequence[str], name: str) -> Iterator[tuple[st
 def _rank(name: str) -> int:
     lower = name.lower()
     return 0 if any(word in lower for word in _WORLD) else 2 if any(word in lower for word in _CAMERA) else 1
-
-
-def _listed(content: Any) -> str:
-    names = [str(key) for key in content] if isinstance(content, dict) else [type(content).__name__]
-    return ", ".join(names[:8])

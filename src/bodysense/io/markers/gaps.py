@@ -46,8 +46,9 @@ def fill_markers(
     seen = np.asarray(np.isfinite(position).all(axis=-1))
     whole, filled = position.copy(), np.zeros_like(seen)
     error = np.maximum(error, _JOINT)
+    beside = joint[:, :, None] + _ARM * np.swapaxes(rotation, -1, -2)
     points = _Points(
-        _places(position, joint, rotation),
+        np.concatenate([position, joint, beside.reshape(len(joint), -1, 3)], axis=1),
         np.concatenate([np.full(seen.shape, _MARKER), error, np.repeat(error, 3, axis=1)], axis=1),
     )
     for marker in np.flatnonzero(~seen.all(axis=0)).tolist():
@@ -69,11 +70,6 @@ class _Points:
 
     place: np.ndarray  # (T, N, 3) m, N = M + 4 J; NaN where missing
     error: np.ndarray  # (T, N) m
-
-
-def _places(position: np.ndarray, joint: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    beside = joint[:, :, None] + _ARM * np.swapaxes(rotation, -1, -2)
-    return np.concatenate([position, joint, beside.reshape(len(joint), -1, 3)], axis=1)
 
 
 def _spread(place: np.ndarray, marker: int, known: np.ndarray) -> np.ndarray:

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import json
 import time
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 from urllib.parse import SplitResult, parse_qs, urlsplit
 
 import tyro
 
 from bodysense.errors import BodysenseError
-
-if TYPE_CHECKING:
-    from websockets import InvalidStatus
 
 _TIMEOUT = 5.0  # s for an answer of the server
 
@@ -67,8 +64,10 @@ def calibrate(
             if recentre:
                 server.send(write_message(Recentre()))
     except InvalidStatus as error:
+        body = error.response.body.decode(errors="replace").strip()
+        reason = body.partition(";")[0] if body else f"status {error.response.status_code}"
         raise BodysenseError(
-            f"{address}: the server refuses this address ({_reason(error)}); give the address that `bodysense serve` "
+            f"{address}: the server refuses this address ({reason}); give the address that `bodysense serve` "
             "printed, token included"
         ) from None
     except (OSError, WebSocketException) as error:
@@ -83,12 +82,6 @@ def _parsed_address(address: str) -> SplitResult | None:
         return parts if parts.scheme in ("http", "https") and parts.hostname and parts.port != 0 else None
     except ValueError:  # half an IPv6 address, or no port
         return None
-
-
-def _reason(error: InvalidStatus) -> str:
-    """Return the server's reason, or the HTTP status if it has none."""
-    body = error.response.body.decode(errors="replace").strip()
-    return body.partition(";")[0] if body else f"status {error.response.status_code}"
 
 
 def _text(server: Any, kind: str, until: float | None = None) -> dict[str, Any] | None:

@@ -142,15 +142,12 @@ class _Discovery:
         self._known.pop(name, None)
         if state_change.name != "Removed":
             info: Any = zeroconf.get_service_info(service_type, name, timeout=_RESOLVE_TIMEOUT)
-            near = [] if info is None else [one for one in info.parsed_addresses() if _is_same_machine(one, self._host)]
+            addresses = [] if info is None else info.parsed_addresses()
+            is_here = _is_own(self._host)  # then every address of this machine is near
+            near = [one for one in addresses if one == self._host or (is_here and _is_own(one))]
             if info is not None and info.port and near:
                 self._known[name] = (near[0], info.port)
         self._on_target(next(reversed(self._known.values()), None))
-
-
-def _is_same_machine(address: str, host: str) -> bool:
-    """Return whether two addresses are of one machine: equal, or both of this machine."""
-    return address == host or (_is_own(address) and _is_own(host))
 
 
 def _is_own(address: str) -> bool:

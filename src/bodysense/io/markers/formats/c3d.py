@@ -129,7 +129,11 @@ def _opened(path: Path) -> tuple[bytes, Parameters, int]:
 
 def _places(parameters: Parameters, count: int) -> tuple[list[str], list[int]]:
     """Return the labels of all points, and the indices of those that are positions, not outputs of a model."""
-    names = _labels(parameters, count)
+    names = parameters.texts("POINT", "LABELS")
+    for k in range(2, 100):  # labels beyond 255 continue in LABELS2, LABELS3 …
+        names += parameters.texts("POINT", f"LABELS{k}")
+    names = names[:count]
+    names += [f"unlabelled {k + 1}" for k in range(len(names), count)]
     outputs = {name for kind in _OUTPUTS for name in parameters.texts("POINT", kind)}
     return names, [k for k, name in enumerate(names) if name not in outputs]
 
@@ -202,14 +206,6 @@ def _real(data: bytes, order: int) -> float:
     if order == DEC:
         return float(from_dec(np.frombuffer(data, dtype="u1")[None])[0, 0])
     return float(struct.unpack(f"{BYTE_ORDERS[order]}f", data)[0])
-
-
-def _labels(parameters: Parameters, count: int) -> list[str]:
-    names = parameters.texts("POINT", "LABELS")
-    for k in range(2, 100):  # labels beyond 255 continue in LABELS2, LABELS3 …
-        names += parameters.texts("POINT", f"LABELS{k}")
-    names = names[:count]
-    return names + [f"unlabelled {k + 1}" for k in range(len(names), count)]
 
 
 def _axes(path: Path, parameters: Parameters) -> np.ndarray:

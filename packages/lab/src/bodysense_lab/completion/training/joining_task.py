@@ -20,6 +20,7 @@ from torch.nn.functional import silu
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.files import written_beside
 from bodysense.geometry.rotation import (
+    geodesic_angle,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_multiply,
@@ -235,7 +236,7 @@ def _errors(network: JoiningModule, batch: dict[str, Tensor]) -> dict[str, Tenso
     surprise = error.detach() * torch.exp(-bodies.expected) + bodies.expected
     return {
         "position": (error.mean(dim=-1) * valid).sum() / count,
-        "rotation": (_angle(bodies.local, batch["truth"]).mean(dim=-1) * valid).sum() / count,
+        "rotation": (geodesic_angle(bodies.local, batch["truth"]).mean(dim=-1) * valid).sum() / count,
         "velocity": RATE * (length(step - true_step).mean(dim=-1) * moving).sum() / count,
         "haste": RATE * ((faster - SLACK / RATE).clamp_min(0).sum(dim=-1) * moving).sum() / count / JOINTS,
         "certainty": (surprise * hidden).sum() / hidden.sum().clamp_min(1.0),
@@ -304,8 +305,3 @@ def write_joining(network: JoiningModule, path: Path, card: dict[str, Any]) -> N
     with written_beside(path) as beside:
         texts = {name: json.dumps(value) for name, value in card.items()}
         beside.write_bytes(safetensors_bytes(tensors, {"format": FORMAT, **texts}))
-
-
-def _angle(a: Tensor, b: Tensor) -> Tensor:
-    apart = quaternion_multiply(quaternion_conjugate(a), b)
-    return 2 * torch.atan2(length(apart[..., 1:]), apart[..., 0].abs())

@@ -97,7 +97,9 @@ class InverseKinematics:
         anatomy = posture(skeleton)
         stiffness = np.sqrt(settings.posture_weight * anatomy.stiffness) * lever[:, None]
         stiffness[0] = 0  # the root is free in the world
-        offset, relaxed = np.ascontiguousarray(skeleton.rest_offset, np.float64), 2 * _half_sine(anatomy.relaxed)
+        offset, turn = np.ascontiguousarray(skeleton.rest_offset, np.float64), anatomy.relaxed
+        # Twice the vector part of the quaternions of resting rotations.
+        relaxed = turn * np.sinc(np.linalg.norm(turn, axis=1, keepdims=True) / (2 * np.pi))
         self._arrays = parents, offset, lever, stiffness, relaxed
 
     def solve(
@@ -241,11 +243,6 @@ def _known(
             f"inverse kinematics: the {name} of {of[bad]!r} is not finite; give it weight 0 to ignore it"
         )
     return target, weight
-
-
-def _half_sine(rotation_vector: np.ndarray) -> np.ndarray:
-    """Return the vector part of rotation vectors' quaternions: (J, 3) → (J, 3)."""
-    return rotation_vector * np.sinc(np.linalg.norm(rotation_vector, axis=1, keepdims=True) / (2 * np.pi)) / 2
 
 
 def _aligned(skeleton: Skeleton, problem: _Problem) -> tuple[np.ndarray, np.ndarray]:

@@ -41,7 +41,9 @@ def frames_of(motion: HandMotion, hand: GlovedHand | None = None) -> GloveFrames
     gloved = plain_hand(motion.pose.skeleton) if hand is None else hand
     pose = transfer_pose(motion.pose, gloved)
     ratio = hand_size(pose.skeleton) / default_glove().size
-    local = _from_wrist(pose)
+    rotation = np.array(pose.rotation, dtype=float)
+    rotation[:, 0] = [1.0, 0.0, 0.0, 0.0]
+    local = Pose(pose.skeleton, np.zeros_like(pose.root_position), rotation)  # the wrist is at the origin, unrotated
     points, _ = forward_kinematics(local)
     return GloveFrames(
         markers=(marker_positions(gloved.glove, local) / ratio).astype(np.float32),
@@ -67,10 +69,3 @@ def join(parts: Iterable[GloveFrames]) -> GloveFrames:
     before = np.cumsum([0, *(len(part.rest) for part in several[:-1])])
     motion = np.concatenate([part.motion + count for part, count in zip(several, before, strict=True)])
     return GloveFrames(motion=motion, **joined)
-
-
-def _from_wrist(pose: Pose) -> Pose:
-    """Return the pose with its wrist at the origin, unrotated."""
-    rotation = np.array(pose.rotation, dtype=float)
-    rotation[:, 0] = [1.0, 0.0, 0.0, 0.0]
-    return Pose(pose.skeleton, np.zeros_like(pose.root_position), rotation)

@@ -145,11 +145,6 @@ class IkTracker:
         pose = Pose(skeleton, np.stack(roots), np.stack(rotations))
         return pose, estimate, replace(state, estimator=estimator_state)
 
-    def _missed(self, reached: np.ndarray, target: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """Return the distance (P, 3) of each predicted finger's wrist from its target; 0 for every other point."""
-        guessed = self._solver.is_finger & ~measured
-        return (reached - target).take(self._solver.wrist_or_self, axis=0) * guessed[:, None]
-
     def _pose(
         self,
         target: np.ndarray,
@@ -168,7 +163,8 @@ class IkTracker:
             # A predicted hand keeps its shape and direction relative to the actual wrist, not the wanted one.
             target = target + state.missed
         solved, ik = self._solver.ik.solve(target, weight, aim, aim_weight, start)
-        missed = self._missed(ik.position, target, measured)
+        off = (ik.position - target).take(self._solver.wrist_or_self, axis=0)
+        missed = off * (self._solver.is_finger & ~measured)[:, None]  # of each predicted finger's wrist
         if start is None or self.settings.half_life == 0:
             still = np.zeros((len(self.estimator.skeleton.joints), 3))
             root, turns = solved.root_position, solved.rotation

@@ -8,16 +8,10 @@ from bodysense.io.clip import Clip
 from bodysense.observing.observation import Observation
 from bodysense.sources.open import Opened
 from bodysense.sources.signals import signal_from
-from bodysense.weights.network import Network
 from bodysense_lab.data.tracked_clip import tracked_clip
 from bodysense_lab.papers.paper_options import PaperOptions, missing_weights_error
 from bodysense_lab.papers.unoc.ik_tracker import IkTracker, IkTrackerState
 from bodysense_lab.papers.unoc.learned import Learned, load_model
-
-
-def _is_paper_form(model: Network) -> bool:
-    """Whether a network was trained in the paper's form: windows of 27 frames, positions only."""
-    return str(model.card.get("form", "shipped")).startswith("paper")
 
 
 def complete(opened: Opened, options: PaperOptions) -> Clip:
@@ -27,7 +21,8 @@ def complete(opened: Opened, options: PaperOptions) -> Clip:
     """
     variant = options.choose_variant("unoc", ("paper", "shipped"), "shipped")
     device, model = options.choose_device(opened, "headset_camera"), load_model(options.networks)
-    if options.variant is not None and variant != ("paper" if _is_paper_form(model) else "shipped"):
+    form = "paper" if str(model.card.get("form", "shipped")).startswith("paper") else "shipped"
+    if options.variant is not None and variant != form:
         if options.networks is not None:
             raise BodysenseError(f"{options.networks}: not of the {variant} form; leave --variant out")
         command = "bodysense train body-gru --data DIR --form paper -o body.onnx"

@@ -131,8 +131,9 @@ def transitions_report(found: Mapping[tuple, Tally], census: Census, data: DataS
         if ("main", event) not in observed_events:
             continue
         times = [
-            _times(found["main", event, method, measure].mpjpe, found["main", event, "truth", measure].mpjpe)
+            f"{found['main', event, method, measure].mpjpe / true:.1f} times" if true else "many times"
             for measure in ("peak", "area")
+            for true in [found["main", event, "truth", measure].mpjpe]
             for method in ("best", "tracker")
         ]
         remarks.append(
@@ -148,7 +149,3 @@ def transitions_report(found: Mapping[tuple, Tally], census: Census, data: DataS
             remarks.append(f"IK and smoothing change the RMSJPE of {positions} from {' and from '.join(changes)}.")
     title = "What smoothing gives and costs"
     return score_report(TABLE, found, census, (describe_data(data, census),), remarks, remarks_title=title)
-
-
-def _times(value: float, true: float) -> str:
-    return f"{value / true:.1f} times" if true else "many times"
