@@ -18,7 +18,7 @@ FLOORS: dict[str, float] = {
     "errors": -2,
     "files": -1,
     "ranges": -1,  # of options
-    "weights": -1,
+    "weights": -0.9,
     "arrays": -0.5,
     "parallel": -0.5,
     "tensors": -0.5,

@@ -19,20 +19,10 @@ import numpy as np
 
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.files import json_or_text
+from bodysense.weights.formats import NetworkFormat
 
 STATE, NEXT = "state_", "next_"  # prefixes of inputs and outputs that carry the state
 _TYPES = {"tensor(float)": np.float32, "tensor(bool)": np.bool_, "tensor(int64)": np.int64}
-
-
-@dataclass(frozen=True)
-class NetworkFormat:
-    """The required kind of a network file."""
-
-    name: str  # value of `format` in its card
-    kind: str  # name of such networks in messages
-    command: str  # command that writes such files
-    fields: tuple[str, ...] = ()  # other required entries of its card
-    packaged: str | None = None  # file in `bodysense/weights` that is opened by default
 
 
 @dataclass(frozen=True, eq=False)

@@ -134,11 +134,11 @@ def test_transitions(tmp_path: Path, waving_clip: Clip, small_network: Path, run
 
 @pytest.mark.slow
 def test_table_6_and_finger_synthesis(tmp_path: Path, folder: Path, networks: Path, run) -> None:
+    from bodysense_lab.papers.formats import PointNetworkTask
     from bodysense_lab.papers.unoc.network.export import write_point_network
     from bodysense_lab.papers.unoc.network.point_network import FINGERS, UPPER_BODY, PointNetwork, PointNetworkConfig
-    from bodysense_lab.papers.unoc.point_model import Task
 
-    tasks: tuple[tuple[Task, PointNetworkConfig], ...] = (("upper-body", UPPER_BODY), ("fingers", FINGERS))
+    tasks: tuple[tuple[PointNetworkTask, PointNetworkConfig], ...] = (("upper-body", UPPER_BODY), ("fingers", FINGERS))
     for task, config in tasks:
         network = PointNetwork(replace(config, hidden=8, branch=(8,)), default_skeleton())
         write_point_network(network, tmp_path / f"{task}.onnx", task, {"licence": "Apache-2.0"})

@@ -28,16 +28,9 @@ from bodysense.devices.video.arm_geometry.window import TIME_TOLERANCE, ArmFrame
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import normalize, quaternion_canonical, quaternion_conjugate, quaternion_multiply
 from bodysense.observing.observation import check_order
-from bodysense.weights.network import Network, NetworkFormat
+from bodysense.weights.formats import ARMS
+from bodysense.weights.network import Network
 
-FORMAT = "bodysense arms 1"
-NETWORK = NetworkFormat(
-    name=FORMAT,
-    kind="network of arms",
-    command="bodysense train arms",
-    fields=("joints", "frames", "rate", "validation"),
-    packaged="arms.onnx",
-)
 UNSEEN_ERROR = 0.5  # m, expected error of points other than arms and hands, which always stand
 _ENDS = 0.1  # weight of a window's last frame relative to its middle
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
@@ -61,10 +54,10 @@ class ArmModel:
 
 def load_arms(path: str | Path | None = None) -> ArmModel:
     """Load a network from a path, or the packaged one for None. Raises BodysenseError for other files."""
-    network = Network.open(path, NETWORK)
+    network = Network.open(path, ARMS)
     if tuple(network.card["joints"]) != ARM_JOINTS:
         raise BodysenseError(
-            f"{network.name}: its joints are not those of this version; export it again with `{NETWORK.command}`"
+            f"{network.name}: its joints are not those of this version; export it again with `{ARMS.command}`"
         )
     return ArmModel(network)
 

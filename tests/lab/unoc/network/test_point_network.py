@@ -15,6 +15,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
+from bodysense_lab.papers.formats import PointNetworkTask
 from bodysense_lab.papers.unoc.network.export import write_point_network
 from bodysense_lab.papers.unoc.network.point_network import (
     FINGERS,
@@ -26,11 +27,11 @@ from bodysense_lab.papers.unoc.network.point_network import (
     TrackedPoints,
     bones,
 )
-from bodysense_lab.papers.unoc.point_model import WARM_UP, PointRunner, Task, load_point_model
+from bodysense_lab.papers.unoc.point_model import WARM_UP, PointRunner, load_point_model
 from bodysense_lab.papers.unoc.sequences.point_sequences import tracked_of
 
 SKELETON = default_skeleton()
-FORMS: dict[str, tuple[Task, PointNetworkConfig]] = {
+FORMS: dict[str, tuple[PointNetworkTask, PointNetworkConfig]] = {
     "fingers": ("fingers", replace(FINGERS, hidden=16, branch=(16,))),
     "fingers, paper": ("fingers", replace(PAPER_FINGERS, hidden=16, branch=(16,), window=4)),
     "upper body": ("upper-body", replace(UPPER_BODY, hidden=16, branch=(16,), judge_branch=(8,))),

@@ -27,18 +27,11 @@ from bodysense.geometry.rotation import (
 )
 from bodysense.observing.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order
 from bodysense.observing.points import observed_points
-from bodysense.weights.network import Network, NetworkFormat
+from bodysense.weights.network import Network
+from bodysense_lab.papers.formats import BODY_VAE
 from bodysense_lab.papers.ik.target_ik import MEASURED_ERROR
 from bodysense_lab.papers.unoc.point_model import HeadAndHands
 
-FORMAT = "bodysense body vae 1"
-NETWORK = NetworkFormat(
-    name=FORMAT,
-    kind="body VAE",
-    command="bodysense train hmd-vae",
-    fields=("reads", "frames", "latent", "rate", "expected_error"),
-    packaged="body_vae.onnx",
-)
 FINGER_ERROR = 0.03  # m: error of a relaxed finger relative to its wrist
 _TOLERANCE = 1e-6  # s, or frames; times that differ less are equal
 
@@ -88,7 +81,7 @@ class BodyVaeModel(Network):
 
 def load_body_vae(path: str | Path | None = None) -> BodyVaeModel:
     """Load a network from a path, or the packaged one for None. Raises BodysenseError for other files."""
-    return BodyVaeModel.open(path, NETWORK)
+    return BodyVaeModel.open(path, BODY_VAE)
 
 
 @dataclass(frozen=True, eq=False)

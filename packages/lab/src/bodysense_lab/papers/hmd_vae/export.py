@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_canonical
 from bodysense_lab.core.export import export, store_as_int8
-from bodysense_lab.papers.hmd_vae.body_vae import FORMAT
+from bodysense_lab.papers.formats import BODY_VAE
 from bodysense_lab.papers.hmd_vae.body_windows import Joints, frame_of, seen_from
 from bodysense_lab.papers.hmd_vae.frames import RATE
 from bodysense_lab.papers.hmd_vae.network import BodyVae
@@ -83,4 +83,4 @@ def write_vae_onnx(network: BodyVae, path: Path, card: dict[str, Any]) -> None:
         "weights": sum(parameter.numel() for parameter in network.parameters()),
         **known,
     }
-    export(InWorld(network), example, list(INPUTS), list(OUTPUTS), FORMAT, card, path, shrink=store_as_int8)
+    export(InWorld(network), example, list(INPUTS), list(OUTPUTS), BODY_VAE.name, card, path, shrink=store_as_int8)

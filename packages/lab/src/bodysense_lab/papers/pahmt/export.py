@@ -11,9 +11,9 @@ import torch
 from torch import Tensor, nn
 
 from bodysense.body.arms import ARM_JOINTS
-from bodysense.devices.video.arms import FORMAT
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import normalize, quaternion_canonical
+from bodysense.weights.formats import ARMS
 from bodysense_lab.core.export import export, store_as_int8
 from bodysense_lab.papers.pahmt.features import Window
 from bodysense_lab.papers.pahmt.network import ArmNetwork
@@ -91,7 +91,7 @@ def write_arms_onnx(network: ArmNetwork, path: Path, card: dict[str, Any]) -> No
         example,
         list(Window._fields),
         ["rotation"],
-        FORMAT,
+        ARMS.name,
         card,
         path,
         shrink=partial(store_as_int8, most=_MOST),

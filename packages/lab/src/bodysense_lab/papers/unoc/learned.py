@@ -18,21 +18,15 @@ from bodysense.io.resample import resample
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import observed_points
 from bodysense.takes.last_known import last_known
-from bodysense.weights.network import Network, NetworkFormat
+from bodysense.weights.network import Network
 from bodysense_lab.core.scoring import RATE, TrackedClip
+from bodysense_lab.papers.formats import BODY
 from bodysense_lab.papers.ik.target_ik import MEASURED_ERROR
 from bodysense_lab.papers.unoc.ik_tracker import IkTracker, IkTrackerSettings
 from bodysense_lab.weights import packaged
 
-FORMAT = "bodysense body 1"
 PACKAGED = "body_gru.onnx"
 _DUE = 0.8  # share of the time between two steps after which a frame advances the state
-NETWORK = NetworkFormat(
-    name=FORMAT,
-    kind="body network",
-    command="bodysense train body-gru",
-    fields=("points", "rate", "fastest_rate", "state"),
-)
 
 
 @dataclass(frozen=True)
@@ -47,7 +41,7 @@ class LearnedState:
 
 def load_model(path: str | Path | None = None) -> Network:
     """Load a network: a path, or None for the packaged one. Raises BodysenseError for a file that is not ours."""
-    return Network.open(packaged(PACKAGED) if path is None else path, NETWORK)
+    return Network.open(packaged(PACKAGED) if path is None else path, BODY)
 
 
 @dataclass(frozen=True)

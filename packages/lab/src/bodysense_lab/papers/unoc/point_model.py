@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
@@ -15,16 +15,9 @@ from bodysense.body.skeleton import Skeleton
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import heading, quaternion_conjugate, quaternion_multiply, quaternion_rotate
-from bodysense.weights.network import Network, NetworkFormat
+from bodysense.weights.network import Network
+from bodysense_lab.papers.formats import POINTS, PointNetworkTask
 
-FORMAT = "bodysense points 1"
-Task = Literal["fingers", "upper-body"]
-PACKAGED: dict[Task, str | None] = {"fingers": "fingers.onnx", "upper-body": None}
-_FIELDS = ("task", "reads", "places", "rate", "state")
-NETWORKS: dict[Task, NetworkFormat] = {
-    task: NetworkFormat(FORMAT, "network of points", f"bodysense train {task}", _FIELDS, name)
-    for task, name in PACKAGED.items()
-}
 WARM_UP = 15  # steps on the first frame, so that the output does not drift while the recurrent state settles
 
 
@@ -96,16 +89,16 @@ class PointState:
     time: float | None = None
 
 
-def load_point_model(task: Task, path: str | Path | None = None) -> PointModel:
+def load_point_model(task: PointNetworkTask, path: str | Path | None = None) -> PointModel:
     """Load the network of a task from a path, or the packaged one for None, which exists for fingers only.
 
     Raises BodysenseError for other files, and for a network of another task.
     """
-    network = PointModel.open(path, NETWORKS[task])
+    network = PointModel.open(path, POINTS[task])
     if network.card["task"] != task:
         raise BodysenseError(
             f"{path or network.name}: a network for {network.card['task']}, not {task}; give the .onnx that "
-            f"`{NETWORKS[task].command}` wrote"
+            f"`{POINTS[task].command}` wrote"
         )
     return network
 

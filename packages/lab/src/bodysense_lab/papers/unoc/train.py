@@ -36,7 +36,7 @@ from bodysense_lab.papers.unoc.sequences.point_sequences import PointSequence, m
 from bodysense_lab.papers.unoc.task import BodySchedule, BodyTask
 
 if TYPE_CHECKING:
-    from bodysense_lab.papers.unoc.point_model import Task
+    from bodysense_lab.papers.formats import PointNetworkTask
 
 E = TypeVar("E")  # a training sequence
 N = TypeVar("N")  # a network that reads it
@@ -45,7 +45,7 @@ V = TypeVar("V")  # an augmentation
 SHIPPED_LOSS = LossWeights(occluded=3.0)
 VARIED_RATES = (20.0, 60.0)  # Hz
 Form = Literal["shipped", "paper"]
-CONFIGS: dict[tuple[Task, Form], PointNetworkConfig] = {
+CONFIGS: dict[tuple[PointNetworkTask, Form], PointNetworkConfig] = {
     ("fingers", "shipped"): FINGERS,
     ("fingers", "paper"): PAPER_FINGERS,
     ("upper-body", "shipped"): UPPER_BODY,
@@ -53,7 +53,7 @@ CONFIGS: dict[tuple[Task, Form], PointNetworkConfig] = {
 }
 # As recorded and mirrored, then both on other bodies. Of the upper body there are many clips: three passes suffice, two
 # of them with wrists that bend where none were recorded; clips with fingers, which are few, take all.
-AUGMENTATIONS: dict[Task, tuple[Augmentation, ...]] = {
+AUGMENTATIONS: dict[PointNetworkTask, tuple[Augmentation, ...]] = {
     "fingers": (
         Augmentation(),
         Augmentation(mirrored=True),
@@ -66,9 +66,9 @@ AUGMENTATIONS: dict[Task, tuple[Augmentation, ...]] = {
         *(Augmentation(mirrored=k % 2 == 0, limb_spread=0.05) for k in range(5)),
     ),
 }
-PASSES: dict[Task, int] = {"fingers": 6, "upper-body": 3}  # of clips without recorded hands
+PASSES: dict[PointNetworkTask, int] = {"fingers": 6, "upper-body": 3}  # of clips without recorded hands
 PAPER_AUGMENTATIONS = (Augmentation(), Augmentation(mirrored=True))
-SCHEDULES: dict[tuple[Task, Form], PointSchedule] = {
+SCHEDULES: dict[tuple[PointNetworkTask, Form], PointSchedule] = {
     ("fingers", "shipped"): PointSchedule(
         batch=64, distance="squared", average_decay=0.98, check_every=50, weight_decay=0.5
     ),

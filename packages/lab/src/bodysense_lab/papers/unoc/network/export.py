@@ -12,11 +12,9 @@ from torch import Tensor, nn
 
 from bodysense.devices.simulated.sensors import THREE_POINTS
 from bodysense_lab.core.export import export
-from bodysense_lab.papers.unoc.learned import FORMAT
+from bodysense_lab.papers.formats import BODY, POINTS, PointNetworkTask
 from bodysense_lab.papers.unoc.network.network import BodyNetwork, PredictorState, TrackedBody
 from bodysense_lab.papers.unoc.network.point_network import PointNetwork, TrackedPoints
-from bodysense_lab.papers.unoc.point_model import FORMAT as POINT_FORMAT
-from bodysense_lab.papers.unoc.point_model import Task
 from bodysense_lab.papers.unoc.sequences.body_sequences import RATE
 
 
@@ -67,7 +65,7 @@ def write_onnx(model: BodyNetwork, path: Path, card: dict[str, Any]) -> None:
         "weights": sum(parameter.numel() for parameter in model.parameters()),
         **card,
     }
-    export(_BodyStep(model), (*tracked, *state), inputs, outputs, FORMAT, card, path)
+    export(_BodyStep(model), (*tracked, *state), inputs, outputs, BODY.name, card, path)
 
 
 class _PointStep(nn.Module):
@@ -81,7 +79,7 @@ class _PointStep(nn.Module):
         return self.network(TrackedPoints(*values[:-1]), values[-1])
 
 
-def write_point_network(network: PointNetwork, path: Path, task: Task, card: dict[str, Any]) -> None:
+def write_point_network(network: PointNetwork, path: Path, task: PointNetworkTask, card: dict[str, Any]) -> None:
     """Export one streaming step with its metadata; large weights in half precision. Whole or not at all."""
     network = network.eval()
     skeleton, config = network.skeleton, network.config
@@ -106,4 +104,4 @@ def write_point_network(network: PointNetwork, path: Path, task: Task, card: dic
         **card,
     }
     inputs, outputs = [*TrackedPoints._fields, "state_memory"], ["placed", "error", "next_memory"]
-    export(_PointStep(network), (*tracked, memory), inputs, outputs, POINT_FORMAT, card, path)
+    export(_PointStep(network), (*tracked, memory), inputs, outputs, POINTS[task].name, card, path)
