@@ -16,7 +16,8 @@ from bodysense.devices.video.device import POINTS, VideoDevice, VideoFrames, Vid
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
-from bodysense.observing.observation import Observation, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import Observation
 from bodysense.weights.network import Network
 
 SKELETON = default_skeleton()

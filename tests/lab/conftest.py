@@ -12,7 +12,8 @@ import pytest
 from bodysense.body.skeleton import default_skeleton
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import write_bvh
-from bodysense.observing.observation import Observation, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import Observation
 from bodysense_lab.data.datasets import DataSet
 
 from ..conftest import ExportedOnce

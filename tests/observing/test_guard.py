@@ -13,8 +13,8 @@ from people.worlds import SETS, UPRIGHT, Body, World, drawn_body, exchanged, wri
 
 from bodysense.errors import BodysenseError
 from bodysense.observing.guard import Guard, watch
-from bodysense.observing.observation import Observation, convert_world, observe
-from bodysense.observing.world_axes import TURNS, UNITS
+from bodysense.observing.observation import Observation, observe
+from bodysense.observing.world_axes import TURNS, UNITS, convert_world
 from bodysense.tracking.tracker import Tracker, TrackerSettings
 from bodysense_lab.synthesis.scenes import KINDS
 

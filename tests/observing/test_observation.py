@@ -13,14 +13,13 @@ from hypothesis import strategies as st
 from bodysense.body.pose import forward_kinematics, rest_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
+from bodysense.observing.checks import check_observation, check_order
 from bodysense.observing.observation import (
     HEADSET_ACCURACY,
     OPTICAL_ACCURACY,
     TRACKER_ACCURACY,
     Observation,
     accuracy_like,
-    check_observation,
-    check_order,
     observe,
     usual_accuracy,
 )

@@ -1,11 +1,11 @@
-"""The observation: named points over time, its construction and the checks of its values. Every input becomes one."""
+"""The observation: named points over time, and its construction. Every input becomes one."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from math import inf, isfinite, isnan, nan
+from math import inf, isfinite, nan
 from reprlib import repr as brief
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,8 @@ import numpy as np
 from bodysense.body.hands.hand import glove_marker
 from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError, did_you_mean
+from bodysense.observing.checks import FARTHEST, UNIT_TOLERANCE, check_observation, time_text
+from bodysense.observing.world_axes import COMPACT, HIGHEST_HEAD, check_world, convert_world
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -36,10 +38,6 @@ INERTIAL_BONES: dict[str, str | None] = {
     },
 }
 INERTIAL_POINTS = tuple(INERTIAL_BONES)
-UNIT_TOLERANCE = 0.01  # largest difference of the length of a quaternion from 1
-LARGEST_ACCELERATION = 1000.0  # m/s²; no sensor on a body measures more
-FARTHEST = 1000.0  # m from the origin; farther away, single precision is too coarse for a body
-
 # Expected error (m) of a measured position by kind of device, for devices that do not report their own.
 EXACT_ACCURACY = 0.001  # the true motion, simulated devices without noise
 HEADSET_ACCURACY = 0.001  # headsets and controllers
@@ -51,16 +49,6 @@ RAW_POINTS = frozenset(("headset", "left_controller", "right_controller"))  # po
 _HEADSET_POINTS = {"head", "left_wrist", "right_wrist", *RAW_POINTS}
 
 _NO_POSITION, _NO_ROTATION = (nan, nan, nan), (nan, nan, nan, nan)
-
-# Limits of `check_world`.
-_HEADS = ("head", "headset")
-_HIGHEST_HEAD = 20.0  # m above the floor; a higher head without other points is in another unit
-_WIDEST = 4.0  # m from the head to the mean of the other points; no body is as large
-_USUAL_RISE, _USUAL_HEAD = 0.55, 1.55  # m from the mean of a standing body's points to its head, and from the floor
-_LOW = 0.7  # m; a lower head is not that of a standing body
-_STANDING = (0.8, 2.3)  # m; usual heights of a head
-_COMPACT = 2.0  # m along each axis; points that are as near pass `check_world` in any case
-_UPRIGHT = 0.2  # m; smallest height of the head above the other points of an upright body
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,7 +191,7 @@ def _plain_frame(time: float, poses: Mapping[str, Any], accuracy: float | None) 
                 numbers += _NO_POSITION
                 continue
             x, y, z = position.tolist() if isinstance(position, np.ndarray) else position
-            if not (abs(x) <= FARTHEST and abs(y) <= _HIGHEST_HEAD and abs(z) <= FARTHEST):
+            if not (abs(x) <= FARTHEST and abs(y) <= HIGHEST_HEAD and abs(z) <= FARTHEST):
                 return None
             across.append(x)
             upward.append(y)
@@ -221,9 +209,9 @@ def _plain_frame(time: float, poses: Mapping[str, Any], accuracy: float | None) 
         if not (points and isfinite(time) and (accuracy is None or 0 < accuracy < inf)):
             return None
         if across and not (
-            max(across) - min(across) <= _COMPACT
-            and max(upward) - min(upward) <= _COMPACT
-            and max(along) - min(along) <= _COMPACT
+            max(across) - min(across) <= COMPACT
+            and max(upward) - min(upward) <= COMPACT
+            and max(along) - min(along) <= COMPACT
         ):
             return None
         usual = _usual_accuracies(points) if accuracy is None else (accuracy,) * len(points)
@@ -300,213 +288,6 @@ def _from_named_points(
         accuracy_like(has_position, usual),
         np.arange(lead[-1]) / rate if time is None else np.asarray(time, dtype=float),
     )
-
-
-def convert_world(observation: Observation, unit: str | None, up: str | None) -> Observation:
-    """Convert an observation from its unit and upward axis to metres and +Y up. None: no conversion.
-
-    Raises BodysenseError for unknown units and axes.
-    """
-    if unit is None and up is None:
-        return observation
-    from bodysense.geometry.rotation import quaternion_multiply, quaternion_rotate
-    from bodysense.observing.world_axes import metres_of, turn_of
-
-    metres, turn = metres_of(unit or "m", "unit"), turn_of(up or "y", "up")
-    acceleration = observation.acceleration
-    return replace(
-        observation,
-        position=quaternion_rotate(np.broadcast_to(turn, observation.rotation.shape), metres * observation.position),
-        rotation=quaternion_multiply(np.broadcast_to(turn, observation.rotation.shape), observation.rotation),
-        acceleration=None
-        if acceleration is None
-        else quaternion_rotate(np.broadcast_to(turn, observation.rotation.shape), metres * acceleration),
-    )
-
-
-def check_world(
-    observation: Observation, name: str, *, unit: str | None = None, up: str | None = None, floor: float = 0.0
-) -> None:
-    """Raise BodysenseError, naming the fix, for a body that appears to be in another unit or upright along +Z.
-
-    Args:
-        observation: a valid observation; it passes if no head is tracked.
-        name: beginning of the message.
-        unit: unit that the user gave; it is not checked then.
-        up: upward axis that the user gave; it is not checked then.
-        floor: height of the floor, m.
-    """
-    head = next((k for k, point in enumerate(observation.points) if point in _HEADS), None)
-    if head is None or not (seen := observation.has_position[..., head]).any():
-        return
-    top = observation.position[..., head, :][seen]  # (N, 3)
-    height, depth = float(np.median(top[:, 1])) - floor, float(np.median(top[:, 2]))
-    rise = _head_above_points(observation, head)
-    size = abs(height) if rise is None else float(np.linalg.norm(rise))
-    if unit is None and size > (_HIGHEST_HEAD if rise is None else _WIDEST):
-        from bodysense.observing.world_axes import UNITS, likely_unit
-
-        tall = float(np.median(np.abs(top).max(axis=-1))) / _USUAL_HEAD
-        likely = likely_unit(None if rise is None else size / _USUAL_RISE, tall)
-        where = "above the floor" if rise is None else "from the other points"
-        raise BodysenseError(
-            f"{name}: the head is {size:.4g} m {where}; give metres, or say the unit: unit='{likely}' (--unit "
-            f"{likely}); unit='m' (--unit m) if it is really there; units are {', '.join(UNITS)}"
-        )
-    stands_along_z = rise[2] > max(_UPRIGHT, 2 * abs(rise[1])) if rise is not None else _keeps_height(top[:, 2])
-    if up is None and abs(height) < _LOW and _STANDING[0] < depth < _STANDING[1] and stands_along_z:
-        raise BodysenseError(
-            f"{name}: the head is {height:.2f} m high and {depth:.2f} m along z, as of a body that stands along +Z; "
-            "give data with +Y up, or say the axis: up='z' (--up z); up='y' (--up y) if the body lies"
-        )
-
-
-def _head_above_points(observation: Observation, head: int) -> np.ndarray | None:
-    """Return the median vector (3,) m from the mean of the body's other points to its head; None without any."""
-    others = [k for k, point in enumerate(observation.points) if k != head and glove_marker(point) is None]
-    known = observation.has_position[..., others] & observation.has_position[..., [head]]
-    where = known.any(axis=-1)
-    if not where.any():
-        return None
-    total = np.where(known[..., None], observation.position[..., others, :], 0.0).sum(axis=-2)[where]
-    middle = total / known.sum(axis=-1)[where][:, None]
-    return np.median(observation.position[..., head, :][where] - middle, axis=0)
-
-
-def _keeps_height(heights: np.ndarray) -> bool:
-    """Whether (N,) m could be heights of a head: at least a second, within half a metre."""
-    return len(heights) >= 30 and float(np.ptp(heights)) < 0.5
-
-
-def check_shapes(observation: Observation, name: str = "observation") -> None:
-    """Raise BodysenseError, naming the fix, for arrays of inconsistent shapes. Values are not checked."""
-    if observation.block is not None:
-        return
-    frames, count = len(observation.time), len(observation.points)
-    if len(set(observation.points)) != count:
-        raise BodysenseError(f"{name}: a point is named twice; names must differ")
-    if observation.time.ndim != 1:
-        raise BodysenseError(f"{name}: time has shape {observation.time.shape}; give one number a frame, in seconds")
-    lead = (*observation.position.shape[:-3], frames, count)
-    expected = {
-        "position": (*lead, 3),
-        "rotation": (*lead, 4),
-        "has_position": lead,
-        "has_rotation": lead,
-        "accuracy": lead,
-    }
-    if observation.acceleration is not None:
-        expected["acceleration"] = (*lead, 3)
-    for member, wanted in expected.items():
-        shape = getattr(observation, member).shape
-        if shape != wanted:
-            raise BodysenseError(f"{name}: {member} has shape {shape}; {frames} frames of {count} points need {wanted}")
-
-
-def check_observation(observation: Observation, name: str = "observation", farthest: float = FARTHEST) -> Observation:
-    """Return the observation if it is valid; raise BodysenseError, naming the fix, if not.
-
-    Valid: shapes agree and times increase. Tracked positions are finite, at most `farthest` m from the origin and of
-    positive accuracy. Tracked rotations are unit quaternions.
-    """
-    check_shapes(observation, name)
-    if not np.isfinite(observation.time).all():
-        bad = int(np.argmin(np.isfinite(observation.time)))
-        raise BodysenseError(f"{name}: the time of frame {bad} is not a number; give seconds, increasing")
-    backwards = np.flatnonzero(np.diff(observation.time) <= 0)
-    if backwards.size:
-        k = int(backwards[0]) + 1
-        before, after = (time_text(time) for time in observation.time[k - 1 : k + 1])
-        raise BodysenseError(
-            f"{name}: time goes from {before} to {after} at frame {k}; "
-            "times must increase: sort the frames and drop repeats"
-        )
-    if not _is_valid(observation, farthest):
-        _raise_invalid(observation, name, farthest)
-    if observation.acceleration is not None:
-        _check_acceleration(observation, observation.acceleration, name)
-    return observation
-
-
-def _check_acceleration(observation: Observation, acceleration: np.ndarray, name: str) -> None:
-    """Raise BodysenseError for an acceleration above `LARGEST_ACCELERATION`."""
-    with np.errstate(invalid="ignore"):
-        present = ~np.isnan(acceleration).any(axis=-1)
-        broken = present & ~(np.abs(acceleration) <= LARGEST_ACCELERATION).all(axis=-1)
-    if broken.any():
-        *_, frame, point = place = tuple(np.argwhere(broken)[0])
-        raise BodysenseError(
-            f"{name}: the acceleration of {observation.points[point]!r} at frame {frame} is "
-            f"{np.abs(acceleration[place]).max():.4g} m/s², but at most {LARGEST_ACCELERATION:g} is possible; give "
-            "m/s² in the world without gravity, or NaN where there is none"
-        )
-
-
-def _is_valid(observation: Observation, farthest: float) -> bool:
-    """Whether all tracked values are valid (`check_observation`)."""
-    accuracy, rotation = observation.accuracy, observation.rotation
-    with np.errstate(all="ignore"):  # NaN compares false
-        position_ok = (np.abs(observation.position) <= farthest).all(axis=-1) & (accuracy > 0) & (accuracy < np.inf)
-        rotation_ok = np.abs(np.sqrt(np.einsum("...i,...i->...", rotation, rotation)) - 1) < UNIT_TOLERANCE
-    return bool((position_ok | ~observation.has_position).all() and (rotation_ok | ~observation.has_rotation).all())
-
-
-def _raise_invalid(observation: Observation, name: str, farthest: float) -> None:
-    """Raise BodysenseError for the first invalid tracked value."""
-    for mask, member in (("has_position", "position"), ("has_rotation", "rotation")):
-        present = getattr(observation, mask)
-        broken = present & ~np.isfinite(getattr(observation, member)).all(axis=-1)
-        if broken.any():
-            *_, frame, point = np.argwhere(broken)[0]
-            raise BodysenseError(
-                f"{name}: {mask} says that {observation.points[point]!r} is tracked at frame {frame}, "
-                f"but its {member} is not finite; clear the mask there"
-            )
-    with np.errstate(invalid="ignore"):
-        far = observation.has_position & ~(np.abs(observation.position).max(axis=-1, initial=0.0) <= farthest)
-        vague = observation.has_position & ~((observation.accuracy > 0) & (observation.accuracy < np.inf))
-    if far.any():
-        from bodysense.observing.world_axes import UNITS
-
-        *_, frame, point = place = tuple(np.argwhere(far)[0])
-        raise BodysenseError(
-            f"{name}: {observation.points[point]!r} is {np.abs(observation.position[place]).max():.4g} m from the "
-            f"origin at frame {frame}, but at most {farthest:g} m is possible; give metres, say the unit, unit='mm' "
-            f"(one of {', '.join(UNITS)}), or move the origin nearer"
-        )
-    if vague.any():
-        *_, frame, point = place = tuple(np.argwhere(vague)[0])
-        raise BodysenseError(
-            f"{name}: the accuracy of {observation.points[point]!r} at frame {frame} is "
-            f"{observation.accuracy[place]:g}; give the expected error of its position in metres, above 0, such as 0.01"
-        )
-    with np.errstate(over="ignore"):
-        length = np.linalg.norm(observation.rotation, axis=-1)
-    broken = observation.has_rotation & ~(np.abs(length - 1) < UNIT_TOLERANCE)
-    if broken.any():
-        *_, frame, point = place = tuple(np.argwhere(broken)[0])
-        raise BodysenseError(
-            f"{name}: the rotation of {observation.points[point]!r} at frame {frame} has length {length[place]:g}; "
-            "give unit quaternions w, x, y, z, or clear the mask there"
-        )
-
-
-def check_order(time: float, before: float | None, name: str) -> None:
-    """Raise BodysenseError, beginning with `name`, unless a frame at `time` s may follow one at `before` s.
-
-    `before` is None or NaN for the first frame.
-    """
-    if before is not None and isnan(before):
-        before = None
-    if isfinite(time) and (before is None or time > before):
-        return
-    after = "" if before is None else f" came after one at {time_text(before)}"
-    raise BodysenseError(f"{name}: a frame at {time_text(time)}{after}; give frames in order of time, in seconds")
-
-
-def time_text(time: float) -> str:
-    """Return a time for messages, to the microsecond; also for Unix times."""
-    return f"{round(float(time), 6):.15g} s"
 
 
 def accuracy_like(has_position: np.ndarray, metres: float | np.ndarray) -> np.ndarray:

@@ -25,7 +25,8 @@ from bodysense.io.markers.options import ENDINGS as MARKER_ENDINGS
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions, given_options
 from bodysense.io.rigged import Rigged, read_rigged
-from bodysense.observing.observation import Observation, convert_world
+from bodysense.observing.observation import Observation
+from bodysense.observing.world_axes import convert_world
 from bodysense.quality.plausible import floor_doubt
 from bodysense.sources.kinds import GLTF, MANY_KINDS, kind_of
 

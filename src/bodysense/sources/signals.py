@@ -11,7 +11,8 @@ from bodysense.body.shape import stature
 from bodysense.devices.simulated.device import DEVICES, Device, simulate
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.recording import Recording
-from bodysense.observing.observation import RAW_POINTS, Observation, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import RAW_POINTS, Observation
 from bodysense.observing.points import concatenated_frames
 from bodysense.observing.raw_poses import with_joints
 from bodysense.quality.plausible import unit_fix

@@ -24,8 +24,9 @@ from bodysense.io.markers.options import is_marker_file
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.figure import blocks_of
-from bodysense.observing.observation import Observation, check_world
+from bodysense.observing.observation import Observation
 from bodysense.observing.points import concatenated_frames, observed_points
+from bodysense.observing.world_axes import check_world
 from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
 from bodysense.sources.signals import Signal, check_size, refuse, signal_from
 from bodysense.takes.marker_body import fit_to_markers, is_fitted

@@ -16,14 +16,8 @@ import numpy as np
 
 from bodysense.body.person import Person
 from bodysense.errors import BodysenseError, expect
-from bodysense.observing.observation import (
-    FARTHEST,
-    RAW_POINTS,
-    Observation,
-    check_observation,
-    check_order,
-    check_shapes,
-)
+from bodysense.observing.checks import FARTHEST, check_observation, check_order, check_shapes
+from bodysense.observing.observation import RAW_POINTS, Observation
 from bodysense.tracking import core
 from bodysense.tracking.estimate import Estimate, TrackedPose
 from bodysense.tracking.model import CompletionModel, packaged_model

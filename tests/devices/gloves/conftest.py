@@ -11,7 +11,8 @@ from bodysense.body.hands.glove import default_glove, glove_points, marker_posit
 from bodysense.body.hands.hand import mirrored_vectors
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.gloves.hands import GloveModels
-from bodysense.observing.observation import Observation, accuracy_like, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import Observation, accuracy_like
 from bodysense_lab.synthesis.hands import synthesize_hand
 from bodysense_lab.synthesis.motion import HandMotion
 

@@ -28,7 +28,8 @@ from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.observing.observation import OPTICAL_ACCURACY, Observation, accuracy_like, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import OPTICAL_ACCURACY, Observation, accuracy_like
 from bodysense.observing.points import chosen_points
 from bodysense.tracking.model import CompletionModel
 from bodysense.tracking.tracker import Tracker

@@ -17,7 +17,7 @@ from bodysense.devices.simulated.glove import GloveCapture, _mounting, observe, 
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import check_observation
+from bodysense.observing.checks import check_observation
 
 HAND = hand_skeleton(default_skeleton(), "left")
 ABOVE, BELOW = CameraRing(heights=(2.0,), radius=0.8), CameraRing(heights=(-2.0,), radius=0.8)

@@ -13,7 +13,7 @@ from bodysense.devices.simulated.glove_imu import GloveImuNoise, observe_fingers
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle, quaternion_conjugate, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import check_observation
+from bodysense.observing.checks import check_observation
 
 UP = np.array([0.0, 1.0, 0.0])
 ONLY = {name: 0.0 for name in ("heading", "tilt", "drift", "strap", "white")}

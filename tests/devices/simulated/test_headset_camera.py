@@ -25,7 +25,7 @@ from bodysense.devices.simulated.headset_camera import (
 from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp
-from bodysense.observing.observation import check_observation
+from bodysense.observing.checks import check_observation
 
 EDGE = 2e-6  # m (for the cone, cosine): within this of a tie single precision may give either result
 FINGERS = ("index", "middle", "pinky", "ring", "thumb")

@@ -14,7 +14,8 @@ from bodysense.devices.simulated.noise import NoiseSettings, disturb
 from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import Observation, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import Observation
 
 RATE = 72.0
 STILL_MAP = NoiseSettings(scale=0.0)

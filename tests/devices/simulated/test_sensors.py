@@ -12,7 +12,7 @@ from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe,
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import check_observation
+from bodysense.observing.checks import check_observation
 
 SKELETON = default_skeleton()
 

@@ -16,7 +16,8 @@ from bodysense.devices.simulated.sensors import THREE_POINT, observe
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source
-from bodysense.observing.observation import Observation, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import Observation
 from bodysense.takes.last_known import Hold
 from bodysense_lab.papers.unoc import upper_body_ik
 from bodysense_lab.papers.unoc.ik_tracker import Estimator, IkTracker

@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.osc import bundled, message_bytes
-from bodysense.observing.observation import Observation, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import Observation
 from bodysense_live.protocols.vmc import VmcTrackers
 from bodysense_live.sessions.tracked_devices import POINTS, TrackedDevices, read_device_names
 

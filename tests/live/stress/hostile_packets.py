@@ -11,7 +11,7 @@ import numpy as np
 
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.osc import bundled, message_bytes
-from bodysense.observing.observation import check_observation
+from bodysense.observing.checks import check_observation
 from bodysense_live.protocols.slimevr import SlimevrState, take
 from bodysense_live.protocols.solarxr.driver_input import DriverReader, DriverState
 from bodysense_live.protocols.solarxr.driver_messages import is_hello, read_requests

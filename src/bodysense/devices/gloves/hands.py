@@ -55,7 +55,8 @@ from bodysense.devices.gloves.networks import HandNetwork, load_joint_network, l
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle, quaternion_canonical, quaternion_conjugate
 from bodysense.io.fingers import relaxed_rotation
-from bodysense.observing.observation import FARTHEST, Observation, check_order
+from bodysense.observing.checks import FARTHEST, check_order
+from bodysense.observing.observation import Observation
 
 FIRST_INTERVAL = 1 / 60  # s: the time step of the first frame
 STILL = 5.0  # degrees: how far finger joints may turn in a calibration, on average

@@ -12,7 +12,8 @@ from bodysense.body.hands.hand import hand_pose
 from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
 from bodysense.errors import BodysenseError, unknown_name
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import Observation, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import Observation
 from bodysense.observing.points import joined_points
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.video.arm_geometry.window import TIME_TOLERANCE, ArmFrame, align_signs, smooth_window, window_of
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import normalize, quaternion_canonical, quaternion_conjugate, quaternion_multiply
-from bodysense.observing.observation import check_order
+from bodysense.observing.checks import check_order
 from bodysense.weights.formats import ARMS
 from bodysense.weights.network import Network
 

@@ -16,7 +16,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text
 from bodysense.io.formats.recording import Recording
-from bodysense.observing.observation import Observation, accuracy_like, check_observation, usual_accuracy
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import Observation, accuracy_like, usual_accuracy
 
 _HEAD = ("head", "hmd", "headset", "centereye", "centereyeanchor", "camera", "maincamera")
 _SIDE = ("left", "right")

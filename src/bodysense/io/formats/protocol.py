@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 from bodysense.errors import BodysenseError
-from bodysense.observing.observation import FARTHEST, UNIT_TOLERANCE
+from bodysense.observing.checks import FARTHEST, UNIT_TOLERANCE
 
 VERSION = 1
 SUBPROTOCOL = "bodysense.1"

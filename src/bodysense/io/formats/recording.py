@@ -20,7 +20,8 @@ from bodysense.arrays import read_arrays
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.files import read_text, written_beside
-from bodysense.observing.observation import RAW_POINTS, Observation, check_observation, check_shapes, usual_accuracy
+from bodysense.observing.checks import check_observation, check_shapes
+from bodysense.observing.observation import RAW_POINTS, Observation, usual_accuracy
 from bodysense.observing.points import without_gloves
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from bodysense.io.markers.raw_markers import (
     observed_markers,
     world_of,
 )
-from bodysense.observing.observation import check_observation
+from bodysense.observing.checks import check_observation
 from bodysense.observing.points import joined_points
 
 _SHARED = 5  # labels that two subjects share if both are people

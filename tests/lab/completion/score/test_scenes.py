@@ -12,7 +12,7 @@ from bodysense.body.pose import Pose
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import check_observation
+from bodysense.observing.checks import check_observation
 from bodysense_lab.completion.score.scenes import (
     UNSEEN_BODIES,
     TrackedScene,

@@ -19,7 +19,8 @@ from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
-from bodysense.observing.observation import Observation, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import Observation
 from bodysense_lab.completion.data.blinks import EVERY, FINGER, gap_seconds, lose_hands, with_finger
 from bodysense_lab.completion.score.clip_results import ClipResults
 from bodysense_lab.completion.score.measures import count_jumps

@@ -9,7 +9,7 @@ import pytest
 
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_rotate
-from bodysense.observing.observation import check_observation
+from bodysense.observing.checks import check_observation
 from bodysense_lab.completion.score.sight.wearers import (
     FILE,
     TAKES,

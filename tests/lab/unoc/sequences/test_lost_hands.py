@@ -9,7 +9,8 @@ import pytest
 
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.noise import hide
-from bodysense.observing.observation import Observation, check_observation
+from bodysense.observing.checks import check_observation
+from bodysense.observing.observation import Observation
 from bodysense_lab.papers.unoc.sequences.lost_hands import LONGEST, SHORTEST, hide_hands
 
 SKELETON = default_skeleton()

@@ -14,7 +14,8 @@ import numpy as np
 
 from bodysense.io.formats.osc import message_bytes, read_packet
 from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers, convert_world, points_alone
-from bodysense.observing.observation import FARTHEST, Observation
+from bodysense.observing.checks import FARTHEST
+from bodysense.observing.observation import Observation
 
 ADDRESS = "/bodysense/markers"
 LARGEST = 8192  # bytes of a message

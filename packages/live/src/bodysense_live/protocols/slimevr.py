@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bodysense.geometry.rotation import quaternion_multiply
-from bodysense.observing.observation import UNIT_TOLERANCE
+from bodysense.observing.checks import UNIT_TOLERANCE
 from bodysense_live.server.messages import Calibrate, Recentre
 
 PORT = 6969

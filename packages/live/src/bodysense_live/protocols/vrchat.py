@@ -21,7 +21,8 @@ from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import euler_to_quaternion
 from bodysense.io.formats.osc import Message, PacketForm, read_packet
 from bodysense.io.formats.unity import one_finite_pose, unity_euler, unity_position
-from bodysense.observing.observation import FARTHEST, Observation
+from bodysense.observing.checks import FARTHEST
+from bodysense.observing.observation import Observation
 from bodysense_live.protocols.driver_axes import turned_about
 from bodysense_live.protocols.osc_commands import commands_of
 from bodysense_live.protocols.oscquery import OscAddress

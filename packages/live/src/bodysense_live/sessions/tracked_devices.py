@@ -26,7 +26,8 @@ import numpy as np
 from bodysense.errors import BodysenseError
 from bodysense.files import read_json
 from bodysense.geometry.rotation import quaternion_conjugate, quaternion_rotate
-from bodysense.observing.observation import FARTHEST, UNIT_TOLERANCE, Observation, usual_accuracy
+from bodysense.observing.checks import FARTHEST, UNIT_TOLERANCE
+from bodysense.observing.observation import Observation, usual_accuracy
 from bodysense_live.protocols.driver_axes import turned_about
 from bodysense_live.protocols.webxr import UNASSIGNED
 from bodysense_live.server.messages import Calibrate, Recentre

@@ -24,7 +24,8 @@ from bodysense.devices.gloves.labels.assignment import assigned_or_none, cost_of
 from bodysense.devices.gloves.labels.hand_search import SIDES, HandReading, find_hands, most_certain, range_distances
 from bodysense.geometry.registration import register, to_hand, to_world
 from bodysense.io.markers.raw_markers import points_alone
-from bodysense.observing.observation import Observation, check_order
+from bodysense.observing.checks import check_order
+from bodysense.observing.observation import Observation
 
 _COUNT = len(MARKERS)
 _BACK = list(ALIGNMENT)

@@ -25,7 +25,8 @@ from bodysense.geometry.rotation import (
     quaternion_multiply,
     slerp,
 )
-from bodysense.observing.observation import FARTHEST, UNIT_TOLERANCE, Observation, check_order
+from bodysense.observing.checks import FARTHEST, UNIT_TOLERANCE, check_order
+from bodysense.observing.observation import Observation
 from bodysense.observing.points import observed_points
 from bodysense.weights.network import Network
 from bodysense_lab.papers.formats import BODY_VAE

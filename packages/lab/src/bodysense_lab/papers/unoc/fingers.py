@@ -27,7 +27,7 @@ from bodysense.geometry.rotation import (
 )
 from bodysense.geometry.spring import spring_step
 from bodysense.io.clip import Clip
-from bodysense.observing.observation import check_order
+from bodysense.observing.checks import check_order
 from bodysense_lab.papers.unoc.point_model import PointModel, PointRunner, PointState, load_point_model
 
 HALF_LIFE = 0.05  # s, half-life of a jump in the smoother

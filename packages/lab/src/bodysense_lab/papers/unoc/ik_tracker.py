@@ -19,7 +19,8 @@ from bodysense.devices.estimate import PointEstimate
 from bodysense.errors import BodysenseError
 from bodysense.geometry.products import CONJUGATE, exp, log, multiply
 from bodysense.geometry.spring import spring_step
-from bodysense.observing.observation import Observation, check_order
+from bodysense.observing.checks import check_order
+from bodysense.observing.observation import Observation
 from bodysense.observing.points import observed_points
 from bodysense_lab.papers.ik.ik import IkSettings, IkState
 from bodysense_lab.papers.ik.target_ik import COARSE, HEAD_WEIGHT, TargetIk

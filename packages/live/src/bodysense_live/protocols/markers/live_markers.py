@@ -12,7 +12,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.io.markers.body_layout import MarkerLayout
 from bodysense.io.markers.raw_markers import MarkerFormat, points_alone, world_of
 from bodysense.io.markers.stream import StreamLayout
-from bodysense.observing.observation import FARTHEST, Observation
+from bodysense.observing.checks import FARTHEST
+from bodysense.observing.observation import Observation
 from bodysense.observing.points import joined_points
 from bodysense_live.protocols.markers.stream_frame import StreamFrame, raw_of
 
