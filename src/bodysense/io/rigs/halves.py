@@ -6,21 +6,9 @@ from itertools import combinations
 
 from bodysense.body.hands.hand import FINGERS
 from bodysense.errors import BodysenseError
-from bodysense.io.rigs.body import (
-    ALIKE,
-    NO_BODY,
-    ROLES,
-    Body,
-    Kind,
-    Limb,
-    Limbs,
-    body_of,
-    longest_chain,
-    named_body,
-    named_limb,
-    named_points,
-)
+from bodysense.io.rigs.body import NO_BODY, Body, Limbs, body_of, named_body
 from bodysense.io.rigs.figure import Tree
+from bodysense.io.rigs.limbs import ALIKE, ROLES, Kind, Limb, longest_chain, named_limb, named_points
 from bodysense.io.rigs.names import is_helper, words
 
 _OF: dict[Kind, tuple[str, ...]] = {  # points of a limb
