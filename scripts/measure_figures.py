@@ -41,7 +41,8 @@ from bodysense.io.markers.raw_markers import points_alone
 from bodysense.observing.observation import EXACT_ACCURACY, Observation
 from bodysense.quality.metrics import joint_error
 from bodysense.takes.last_known import KNOWN
-from bodysense.takes.take import Take, track
+from bodysense.takes.take import Take
+from bodysense.takes.track import track
 from bodysense_lab.core.scoring import group_of
 from bodysense_lab.data.augment import mirrored
 from bodysense_lab.data.clips import clips_of, open_clips, training_clips

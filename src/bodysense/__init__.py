@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from bodysense.sources.conversion import convert
     from bodysense.sources.reading import read, write
     from bodysense.takes.repair import repair
-    from bodysense.takes.take import Take, track
+    from bodysense.takes.take import Take
+    from bodysense.takes.track import track
     from bodysense.tracking.estimate import Estimate
     from bodysense.tracking.tracker import Tracker, TrackerSettings, step_together
 
@@ -84,7 +85,7 @@ _HOMES = {
     "repair": "takes.repair",
     "simulate": "devices.simulated.device",
     "step_together": "tracking.tracker",
-    "track": "takes.take",
+    "track": "takes.track",
     "write": "sources.reading",
 }
 _MODULES = {"demo": "demo", "metrics": "quality.metrics"}  # public as modules

@@ -14,7 +14,7 @@ from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip
 from bodysense.io.holes import missing_items
 from bodysense.sources.partial_motion import open_partial
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 from bodysense_lab.completion.score import holes
 from bodysense_lab.core.tallies import Tallies
 

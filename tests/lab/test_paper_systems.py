@@ -25,7 +25,7 @@ from bodysense.io.formats.recording import Recording
 from bodysense.observing.observation import Observation
 from bodysense.quality.metrics import joint_error
 from bodysense.sources.open import MotionSource, RecordingSource, VideoSource
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 from bodysense_lab.papers.hmd_vae.body_vae import BodyVaeEstimator, load_body_vae
 from bodysense_lab.papers.hmd_vae.export import write_vae_onnx
 from bodysense_lab.papers.hmd_vae.network import BodyVae

@@ -11,7 +11,7 @@ import pytest
 from bodysense.devices.video.pictures import IMAGES, VIDEOS
 from bodysense.errors import BodysenseError
 from bodysense.sources.kinds import TRACKED_ENDINGS, kind_of
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 
 ENDINGS = (*TRACKED_ENDINGS, *VIDEOS, *IMAGES)
 OTHERS = ("", ".", ".txt", ".xyz", ".docx", ".y4m", ".bvh.bak")

@@ -20,7 +20,7 @@ from bodysense.io.markers.options import MarkerOptions
 from bodysense.io.reading_options import ReadingOptions
 from bodysense.sources.kinds import kind_of
 from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, VideoSource, open_source
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 
 
 def test_every_kind_of_source_is_recognised(tmp_path: Path, waving_clip: Clip) -> None:

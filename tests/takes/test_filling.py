@@ -39,7 +39,8 @@ from bodysense.takes.filling import (
     known_points,
     with_filled,
 )
-from bodysense.takes.take import Completion, FilledFile, fill_file, track
+from bodysense.takes.take import FilledFile
+from bodysense.takes.track import Completion, fill_file, track
 from bodysense.takes.two_way import TwoWayTracker
 from bodysense.tracking.estimate import CONTACT_POINTS, Estimate
 from bodysense.tracking.tracker import TrackerSettings

@@ -25,7 +25,8 @@ from bodysense.io.resample import resample
 from bodysense.takes import marker_body
 from bodysense.takes.fitting import Trunk
 from bodysense.takes.marker_body import fit_markers, next_poses
-from bodysense.takes.take import Take, track
+from bodysense.takes.take import Take
+from bodysense.takes.track import track
 from bodysense.takes.worn_markers import SPINE, BodyPoses, SeenMarkers, WornMarkers, carried_markers
 
 NOISE = 0.0005  # m, of a marker

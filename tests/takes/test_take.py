@@ -21,7 +21,7 @@ from bodysense.io.formats.bvh import write_bvh
 from bodysense.io.formats.recording import Recording, read_recording, write_recording
 from bodysense.observing.observation import Observation
 from bodysense.sources.reading import read, write
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 from bodysense.tracking.tracker import Tracker
 
 

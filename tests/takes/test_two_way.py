@@ -23,7 +23,7 @@ from bodysense.observing import guard
 from bodysense.observing.observation import Observation
 from bodysense.observing.points import concatenated_frames
 from bodysense.takes import two_way
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 from bodysense.takes.two_way import TwoWayTracker, crossfade, reverse_time
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.model import packaged_model

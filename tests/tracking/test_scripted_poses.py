@@ -13,7 +13,7 @@ from bodysense.demo import performance_of_unseen_body
 from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, WRISTS, observe
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.formats.recording import Recording
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 from bodysense.tracking.tracker import Tracker, TrackerSettings
 
 RATE, SECONDS = 30, 6

@@ -62,7 +62,7 @@ def demo(
     from bodysense.io.resample import resample
     from bodysense.pictures.camera import Lens
     from bodysense.pictures.comparison import View, write_comparison, write_moments
-    from bodysense.takes.take import track
+    from bodysense.takes.track import track
 
     if json is not None:
         check_place(json)

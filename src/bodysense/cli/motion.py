@@ -254,7 +254,7 @@ def _completed(opened: Opened, out: Path, rig: str | None, options: dict[str, An
     """Complete an opened file by options of `track`; one that is written on its own rig in less memory."""
     from bodysense.io.target_rigs.named import SOURCE
     from bodysense.sources.open import MotionSource
-    from bodysense.takes.take import Completion, fill_file, track
+    from bodysense.takes.track import Completion, fill_file, track
 
     if isinstance(opened, MotionSource) and opened.joint_file is not None and rig in (None, SOURCE):
         is_own = out.suffix.lower() == opened.joint_file.suffix.lower()

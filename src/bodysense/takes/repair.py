@@ -28,7 +28,8 @@ from bodysense.quality.joint_defects import LIMBS
 from bodysense.sources.open import MotionSource, Source, open_source
 from bodysense.sources.partial_motion import open_partial
 from bodysense.takes.filling import with_world_rotations
-from bodysense.takes.take import Completion, Take, fill_take
+from bodysense.takes.take import Take
+from bodysense.takes.track import Completion, fill_take
 from bodysense.tracking.tracker import TrackerSettings
 
 POP_SECONDS = 0.1  # s before and after a pop that are filled, so that the joint goes over smoothly

@@ -31,7 +31,7 @@ from bodysense.io.markers.formats.c3d import write_c3d
 from bodysense.io.markers.marker_sets import marker_sets, recognised
 from bodysense.io.markers.raw_markers import MarkerFormat, points_alone, read_names
 from bodysense.io.markers.recording import read_markers
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 from bodysense.tracking.tracker import Tracker
 
 HARDEST = {"foot": 0.03, "neck": 0.03, "elbow": 0.028}  # m; other joints 1.5 cm

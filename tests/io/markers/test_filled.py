@@ -26,7 +26,7 @@ from bodysense.io.markers.files import read_raw
 from bodysense.io.markers.filled import fillable, write_filled
 from bodysense.io.markers.formats.c3d import write_c3d
 from bodysense.io.markers.raw_markers import points_alone
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 
 RATE = 30.0
 GAPS = {"LKNE": (20, 50), "LTHI": (0, 15), "C7": (70, 90), "LFHD": (30, 33), "RANK": (40, 70)}  # frames

@@ -15,7 +15,7 @@ from bodysense.demo import packaged_performance
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import read_bvh, write_bvh
 from bodysense.io.motion_files import write_motion
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 
 pytestmark = [pytest.mark.slow, pytest.mark.blender]
 FRAMES = 10

@@ -20,7 +20,7 @@ from bodysense.io.target_rigs.named import on_rig as under_names
 from bodysense.io.target_rigs.named import renamed
 from bodysense.io.target_rigs.own_rig import on_rig, write_on_rig_of
 from bodysense.sources.reading import read
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 
 EXACT = (
     "Mixamo",

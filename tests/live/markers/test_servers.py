@@ -20,7 +20,7 @@ from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import SIGNAL, read_pose, read_signal
 from bodysense.io.markers.raw_markers import MarkerFormat
 from bodysense.io.markers.stream import learn_layout
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 from bodysense.tracking.tracker import Tracker
 from bodysense_live.protocols.markers.live_markers import LiveMarkers
 from bodysense_live.protocols.markers.marker_link import MarkerServer, parsed_address

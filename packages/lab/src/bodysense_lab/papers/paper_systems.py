@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from bodysense.io.clip import Clip
 from bodysense.sources.open import Opened
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 from bodysense.tracking.model import load_completion
 from bodysense_lab.papers.hmd_vae import system as hmd_vae
 from bodysense_lab.papers.pahmt import system as pahmt

@@ -25,7 +25,7 @@ from bodysense.io.clip import Clip
 from bodysense.io.formats.recording import Recording
 from bodysense.sources.open import MotionSource, Opened
 from bodysense.sources.signals import Signal, signal_from
-from bodysense.takes.take import track
+from bodysense.takes.track import track
 from bodysense_lab.papers.paper_options import PaperOptions, Variant
 from bodysense_lab.papers.two_hands.continuity import Continuity
 from bodysense_lab.weights import packaged
