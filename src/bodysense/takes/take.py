@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -10,28 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bodysense.body.hands.hand import glove_hands
 from bodysense.body.person import Person
-from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.devices.simulated.device import Device
+from bodysense.body.pose import forward_kinematics
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_to_matrix
 from bodysense.io.clip import Clip
 from bodysense.io.markers.options import is_marker_file
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
-from bodysense.io.resample import at_constant_rate
-from bodysense.io.rigs.figure import blocks_of
-from bodysense.observing.observation import Observation
-from bodysense.observing.points import concatenated_frames, observed_points
-from bodysense.observing.world_axes import check_world
-from bodysense.sources.open import MarkerSource, MotionSource, RecordingSource, Source, open_source
-from bodysense.sources.signals import Signal, check_size, refuse, signal_from
-from bodysense.takes.marker_body import fit_to_markers, is_fitted
-from bodysense.takes.thinning import at_all_frames, kept_frames
-from bodysense.takes.two_way import Frames, TwoWayTracker, concatenate_estimates, start_of_take
+from bodysense.sources.open import MarkerSource
 from bodysense.tracking.estimate import Estimate
-from bodysense.tracking.model import CompletionModel
-from bodysense.tracking.tracker import Tracker, TrackerSettings
 
 if TYPE_CHECKING:
     from bodysense.io.markers.gaps import FilledMarkers

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,9 +16,7 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.devices.simulated.device import Device
 from bodysense.errors import BodysenseError
-from bodysense.geometry.rotation import quaternion_to_matrix
 from bodysense.io.clip import Clip
-from bodysense.io.markers.options import is_marker_file
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.resample import at_constant_rate
 from bodysense.io.rigs.figure import blocks_of
@@ -38,8 +34,6 @@ from bodysense.tracking.model import CompletionModel
 from bodysense.tracking.tracker import Tracker, TrackerSettings
 
 if TYPE_CHECKING:
-    from bodysense.io.markers.gaps import FilledMarkers
-    from bodysense.io.rigs.joint_file import JointFile
     from bodysense.sources.partial_motion import PartialMotion
 
 ANCHORS = ("head", "pelvis")  # points that keep their measured position if proportions change, in order of preference
