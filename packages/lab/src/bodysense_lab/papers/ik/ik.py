@@ -6,6 +6,7 @@ import ctypes
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate, pairwise
+from struct import pack, unpack
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from bodysense.geometry.rotation import matrix_to_quaternion
 _Pointer = ctypes.c_void_p
 _FIRST_DAMPING = 1e-3  # after a step that raised the cost
 _MOST_DAMPING = 1e6
+_REACHED = "5Pdi0P"  # bs_reached: root, world, local, position, tension; cost; whether it has a tension
 
 
 @dataclass(frozen=True)
@@ -160,26 +162,24 @@ class InverseKinematics:
         """
         settings, core = self.settings, _core()
         joints, points = len(self.skeleton.joints), len(self.skeleton.points)
-        body = _Posable(joints, points, *(part.ctypes.data for part in self._arrays))
-        damping = settings.damping, _FIRST_DAMPING, _MOST_DAMPING
-        targets = (problem.target, problem.weight, *(problem.rotation or ()))
+        body = pack("2i5P", joints, points, *(part.ctypes.data for part in self._arrays))  # bs_posable
+        descent = pack("4di0d", settings.tolerance, settings.damping, _FIRST_DAMPING, _MOST_DAMPING, iterations)
+        pointers = [part.ctypes.data for part in (problem.target, problem.weight, *(problem.rotation or ()))]
+        targets = pack("4P", *pointers, *[0] * (4 - len(pointers)))  # bs_targets
         starts = [0, *accumulate((3, 4 * joints, 4 * joints, 3 * points, points))]
-        memory, scratch = np.empty(starts[-1]), np.empty(core.bs_reach_memory(ctypes.byref(body)))
+        memory, scratch = np.empty(starts[-1]), np.empty(core.bs_reach_memory(body))
         placed, turned, local, position, pull = (memory[start:end] for start, end in pairwise(starts))
         placed[:], turned[:] = root, np.ravel(world)
         if tension is not None:
             pull[:] = tension
         first = memory.ctypes.data
-        reached = _Reached(*(first + 8 * start for start in starts[:-1]), np.inf, tension is not None)
-        core.bs_reach_targets(
-            ctypes.byref(body),
-            ctypes.byref(_Descent(settings.tolerance, *damping, iterations)),
-            ctypes.byref(_Targets(*(part.ctypes.data for part in targets))),
-            ctypes.byref(reached),
-            scratch.ctypes.data,
-        )
+        members = (*(first + 8 * start for start in starts[:-1]), np.inf, tension is not None)
+        reached = bytearray(pack(_REACHED, *members))
+        written = ctypes.byref(ctypes.c_char.from_buffer(reached))
+        core.bs_reach_targets(body, descent, targets, written, scratch.ctypes.data)
+        cost = unpack(_REACHED, reached)[5]
         solved = PosedBody(placed, turned.reshape(-1, 4), local.reshape(-1, 4), position.reshape(-1, 3))
-        return IkState(solved, reached.cost, pull)
+        return IkState(solved, cost, pull)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -279,40 +279,6 @@ def _nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """Return the rotation R that maximises tr(Rᵀ M): (3, 3) → (3, 3). Kabsch 1976."""
     u, _, v = np.linalg.svd(matrix)
     return (u * [1, 1, np.sign(np.linalg.det(u @ v))]) @ v
-
-
-class _Posable(ctypes.Structure):
-    """`bs_posable`."""
-
-    _fields_ = [
-        *((name, ctypes.c_int32) for name in ("joints", "points")),
-        *((name, _Pointer) for name in ("parent", "rest_offset", "lever", "stiffness", "relaxed")),
-    ]
-
-
-class _Descent(ctypes.Structure):
-    """`bs_descent`."""
-
-    _fields_ = [
-        *((name, ctypes.c_double) for name in ("tolerance", "damping", "first_damping", "most_damping")),
-        ("steps", ctypes.c_int32),
-    ]
-
-
-class _Targets(ctypes.Structure):
-    """`bs_targets`."""
-
-    _fields_ = [(name, _Pointer) for name in ("position", "weight", "rotation", "rotation_weight")]
-
-
-class _Reached(ctypes.Structure):
-    """`bs_reached`."""
-
-    _fields_ = [
-        *((name, _Pointer) for name in ("root", "world", "local", "position", "tension")),
-        ("cost", ctypes.c_double),
-        ("has_tension", ctypes.c_int32),
-    ]
 
 
 @lru_cache(maxsize=1)
