@@ -189,8 +189,8 @@ def _displacement(
         (own * leaving - other * entry) / (own**2 - other**2),
     )
     gone = np.arange(1.0, count + 1)[part].reshape(-1, *[1] * whole.ndim)
-    path = gone * step + gone * _fading(gone / coasting) * entry
-    return path - (span - gone) * _fading((span - gone) / coasting) * leaving
+    path = gone * step + gone * coasting_weight(gone / coasting) * entry
+    return path - (span - gone) * coasting_weight((span - gone) / coasting) * leaving
 
 
 def _rate_at(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:
@@ -199,8 +199,8 @@ def _rate_at(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:
     return speed + across / 2 + np.cross(turn, across) / 12
 
 
-def _fading(share: np.ndarray) -> np.ndarray:
-    """Return a weight that falls from 1 at 0 to 0 at 1."""
+def coasting_weight(share: np.ndarray) -> np.ndarray:
+    """Return the weight of a speed at a gap's edge, which falls from 1 there to 0 at share 1 of its coasting."""
     return np.maximum(0.0, 1 - share) ** 2
 
 

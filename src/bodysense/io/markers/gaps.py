@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bodysense.geometry.gaps import runs
+from bodysense.geometry.gaps import coasting_weight, runs
 from bodysense.geometry.rotation import smooth_step
 
 COASTING = 0.3  # s in which a marker's velocity relative to its segment fades out in a gap
@@ -118,7 +118,7 @@ def _bridged(points: _Points, spread: np.ndarray, marker: int, first: int, end: 
             # The marker's velocity relative to its segment at the edge of the gap.
             own = points.place[edge, marker] - _carried(points, spread, marker, beyond, np.array([edge]))[0]
             steps = np.abs(gap - edge)[:, None]
-            way = way + own * steps * np.maximum(0.0, 1 - steps / (COASTING * rate)) ** 2
+            way = way + own * steps * coasting_weight(steps / (COASTING * rate))
         smooth = smooth_step(near)[:, None] if len(sides) == 2 else np.ones((len(gap), 1))
         total, share = total + smooth * way, share + smooth
     return total / share
