@@ -9,7 +9,6 @@ import pytest
 from virtual_markers import LEGS, PLUG_IN_GAIT, SETS, raw_of
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.demo import performance_of_unseen_body
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.markers.raw_markers import MarkerFormat, RawMarkers
@@ -17,12 +16,6 @@ from bodysense.io.markers.recording import recording_of
 from bodysense.io.markers.stream import StreamLayout, learn_layout
 
 Z_UP = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # our axes, rows, in those of most laboratories
-
-
-@pytest.fixture(scope="module")
-def unseen_body() -> Clip:
-    clip = performance_of_unseen_body()
-    return replace(clip, pose=clip.pose[:: len(clip) // 60], frame_rate=10.0)
 
 
 def in_laboratory(raw: RawMarkers) -> RawMarkers:
