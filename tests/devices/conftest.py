@@ -67,11 +67,11 @@ def walking(frames: int = 45) -> Pose:
 
 
 def seen_by(pose: Pose, focal: float, tilt: float = TILT, noise: float = 0.0) -> PersonLandmarks:
-    """Return exact landmarks of bodies, seen by a camera 1.4 m above the floor, 3 m away and tilted by `tilt` rad."""
+    """Return exact landmarks of bodies, seen whole by a camera 1.4 m over the floor, tilted by `tilt` rad."""
     position = np.asarray(forward_kinematics(pose)[0])
     cosine, sine = np.cos(tilt), np.sin(tilt)
     axes = np.array([[1.0, 0, 0], [0, cosine, sine], [0, -sine, cosine]])  # room ← camera
-    local = (position - [0.0, 1.4, 3.0]) @ axes
+    local = (position - [0.0, 1.4, 4.6]) @ axes
     count = len(position)
     world = np.tile(local[:, SKELETON.index("head")][:, None], (1, len(BODY_LANDMARKS), 1))
     world[:, BODY_LANDMARKS.index("nose")] += np.array([0.0, 0.0, 0.1]) @ axes

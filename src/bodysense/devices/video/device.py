@@ -28,7 +28,7 @@ from bodysense.devices.video.landmark_smoothing import REACH, smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks, arm_keypoints, joined_landmarks
 from bodysense.devices.video.posture_constants import FEET_VISIBLE, FLOOR_HALF_LIFE, UNSEEN_LEGS, VISIBLE
-from bodysense.devices.video.sitting import Sitting, lay_legs
+from bodysense.devices.video.sitting import Sitting, lay_legs, without_guessed_legs
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import (
     matrix_to_quaternion,
@@ -48,6 +48,7 @@ POINTS = ("head", CHEST, *_LEGS, *ARM_JOINTS)
 _WITH_POSITION = ("head", "left_shoulder", "right_shoulder", *_LEGS)
 _ARM_MARKS = np.array([[BODY_LANDMARKS.index(f"{side}_{part}") for part in ARM_POINTS] for side in SIDES])
 _LEG_MARKS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in ("knee", "ankle")]
+_KNEE_MARKS = [BODY_LANDMARKS.index(f"{side}_knee") for side in SIDES]
 _FAR = 3.0  # m, initial distance from the camera, before a person has been seen
 LANDMARK_SMOOTHING = 0.05  # s, standard deviation of the smoothing of landmarks over earlier and later frames
 _ARM_SMOOTHING = 0.03  # s, the same for arms, which move faster
@@ -133,6 +134,7 @@ class VideoDevice:
     def step(self, person: PersonLandmarks, state: VideoState) -> tuple[VideoFrames, VideoState]:
         """Add the next T ≥ 1 frames; return the frames that are ready, and the state."""
         level, sitting, levels, frames = state.level, state.sitting, [], []
+        person = without_guessed_legs(person)
         for k in range(len(person)):
             sitting = sitting.step(person[k : k + 1])
             level = level.step(person[k : k + 1], sitting.is_seated)
@@ -207,7 +209,8 @@ class VideoDevice:
         # By the ankles alone: how far toes point down is the least sure of all.
         ankles = self.skeleton.indices([f"{side}_ankle" for side in SIDES])
         lowest = float(((fitted.position[ankles] @ room.T)[:, 1] - rest[ankles, 1]).min())
-        if person.visible[0, _LEG_MARKS].min() >= FEET_VISIBLE:
+        marks = _LEG_MARKS if is_seated else _KNEE_MARKS  # shins of standing people hang
+        if person.visible[0, marks].min() >= FEET_VISIBLE:
             share = 1.0 if floor is None else 1 - 2 ** (-(time - state.time) / FLOOR_HALF_LIFE)
             floor = y + lowest if floor is None else floor + share * (y + lowest - floor)
         return fitted, replace(state, root=np.array([x, -lowest, z - state.begun[1]]), floor=floor, time=time)

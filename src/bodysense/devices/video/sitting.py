@@ -1,9 +1,9 @@
 """Sitting and standing before a camera: which of both, and the legs of either.
 
 Landmarks of a person who faces the camera are hardly deeper for raised thighs than for hanging ones, and webcams rarely
-see feet. So the posture is decided over time from several cues. Legs of sitting people lie on a seat of a likely
-height, which the knees in the picture or a known floor correct. Knees of standing people lose the bend that landmarks
-give straight legs.
+see feet. So the posture is decided over time from several cues. Legs beyond the picture are none of them: landmarkers
+guess that they hang. Legs of sitting people lie on a seat of a likely height, which the knees in the picture or a known
+floor correct. Knees of standing people lose the bend that landmarks give straight legs.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from bodysense.devices.video.posture_constants import (
     DROP_DEVIATION,
     DROPS,
     HIP_OVER_SEAT,
-    KNEE_GUESSED,
     KNEE_VISIBLE,
     LONGEST_CUE,
+    LOWEST,
     MARGIN,
     ON_TABLE,
     PITCH,
@@ -45,6 +45,7 @@ from bodysense.devices.video.posture_constants import (
 )
 
 _PAIRS = {part: [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES] for part in ("hip", "knee", "ankle")}
+_LEGS = [BODY_LANDMARKS.index(f"{side}_{part}") for side in SIDES for part in ("knee", "ankle", "heel", "toe")]
 
 
 @dataclass(frozen=True)
@@ -57,7 +58,7 @@ class Sitting:
 
     def step(self, person: PersonLandmarks) -> Sitting:
         """Return the state after one more frame of unprocessed landmarks; it is unchanged if no knees are seen."""
-        if not person.has_body[0] or person.visible[0, _PAIRS["knee"]].min() < KNEE_VISIBLE:
+        if not person.has_body[0] or _seen(person, "knee") < KNEE_VISIBLE:
             return self
         time, cues = float(person.time[0]), _cues(person)
         share = 1.0 if self.cues is None else 1 - 2 ** (-min(time - self.time, LONGEST_CUE) / CUE_HALF_LIFE)
@@ -66,9 +67,21 @@ class Sitting:
         return Sitting(mean, mean > SEATED + margin, time)
 
 
+def without_guessed_legs(person: PersonLandmarks) -> PersonLandmarks:
+    """Return unprocessed landmarks whose legs are not seen beyond the lower edge of the picture."""
+    visible = person.visible.copy()
+    visible[:, _LEGS] *= ~(person.picture[:, _LEGS, 1] < LOWEST)
+    return replace(person, visible=visible)
+
+
+def _seen(person: PersonLandmarks, part: str) -> float:
+    """Return the probability that both landmarks of a part are seen in one frame."""
+    return float(person.visible[0, _PAIRS[part]].min())
+
+
 def _cues(person: PersonLandmarks) -> float:
     """Return the sum of cues of one frame with knees."""
-    world, picture, visible = person.world[0], person.picture[0], person.visible[0]
+    world, picture = person.world[0], person.picture[0]
     hips, knees, ankles = (picture[_PAIRS[part]] for part in ("hip", "knee", "ankle"))
     across = world[_PAIRS["hip"][0]] - world[_PAIRS["hip"][1]]
     across = across / max(float(np.linalg.norm(across)), 1e-9)
@@ -78,7 +91,7 @@ def _cues(person: PersonLandmarks) -> float:
     frontal = float(np.clip(2 * abs(across[0]) - 1, 0, 1))  # widths tell nothing of a person from the side
     width = float(np.linalg.norm(knees[0] - knees[1]) / max(float(np.linalg.norm(hips[0] - hips[1])), 1e-3))
     cues = [_cue(pitch, PITCH), frontal * _cue(width, APART)]
-    if visible[_PAIRS["ankle"]].min() >= ANKLE_VISIBLE:
+    if _seen(person, "ankle") >= ANKLE_VISIBLE:
         lengths = [np.linalg.norm(a - b, axis=-1).mean() for a, b in ((hips, knees), (knees, ankles))]
         cues.append(_cue(float(lengths[0] / max(lengths[1], 1e-3)), SHORT))
     return sum(cues)
@@ -103,9 +116,8 @@ def lay_legs(
     `place` (3,) m is the pelvis in the axes of an upright camera, `room` (3, 3) turns these to the room's, `floor` is
     the floor's height over the camera's, m, if known.
     """
-    probability = float(person.visible[0, _PAIRS["knee"]].min())
-    seen = probability >= (KNEE_GUESSED if floor is None else KNEE_VISIBLE)
-    if probability < KNEE_VISIBLE and floor is not None:
+    seen = _seen(person, "knee") >= KNEE_VISIBLE
+    if not seen and floor is not None:
         is_seated = (room @ place)[1] - floor < STANDING * skeleton.rest_offset[0, 1]
     if not is_seated:
         return _stand(fitted, person, room, skeleton)
@@ -123,11 +135,11 @@ def lay_legs(
     usual = SEAT + HIP_OVER_SEAT - over
     if seen:
         drop = float(np.mean([-length * thigh[1] for thigh in thighs])) - DROP_BIAS
-        sure = min(probability / KNEE_VISIBLE, 1.0) / DROP_DEVIATION**2
-        if drop < usual - USUAL and person.visible[0, _PAIRS["ankle"]].min() < ANKLE_VISIBLE:
+        sure, trust = 1 / DROP_DEVIATION**2, 1 / SEAT_DEVIATION**2
+        has_feet = _seen(person, "ankle") >= ANKLE_VISIBLE
+        if drop < usual - USUAL and not has_feet:
             sure *= ON_TABLE
-        trust = 1 / SEAT_DEVIATION**2
-        if person.visible[0, _PAIRS["ankle"]].min() >= ANKLE_VISIBLE:  # who crouches has the feet in the picture
+        if has_feet:  # who crouches has the feet in the picture
             trust *= np.exp(-0.5 * ((drop - usual) / USUAL) ** 2)
         drop = (drop * sure + usual * trust) / (sure + trust)
     elif floor is not None:

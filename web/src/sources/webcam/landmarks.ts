@@ -27,7 +27,7 @@ import { fingerPoints, layHand } from "./hands";
 import { Laid } from "./laid";
 import { FEET_VISIBLE, FLOOR_HALF_LIFE, NEAR, UNSEEN_LEGS, VISIBLE } from "./constants";
 import { mark, MARKS, SIDES, type Landmarks, type Part, type Side } from "./landmark_marks";
-import { layLegs, Sitting } from "./sitting";
+import { layLegs, Sitting, withoutGuessedLegs } from "./sitting";
 
 const PULL = { shoulder: 1, hip: 1, elbow: 0.3, wrist: 0.3, knee: 0.3, ankle: 0.3 } as const; // weights of landmarks
 // that place the body: directions of limbs are less sure than the trunk's
@@ -56,8 +56,9 @@ export class LandmarkPoints {
 
   constructor(private readonly focal: number) {} // in heights of the picture
 
-  /** Null if no torso is seen. `calm` are the landmarks smoothed, `passed`: s since the frame before. */
-  read(landmarks: Landmarks, calm: Landmarks, skeleton: Skeleton, passed: number, time: number): Point[] | null {
+  /** Null if no torso is seen. `smooth` are the landmarks smoothed, `passed`: s since the frame before. */
+  read(raw: Landmarks, smooth: Landmarks, skeleton: Skeleton, passed: number, time: number): Point[] | null {
+    const [landmarks, calm] = [raw, smooth].map(withoutGuessedLegs);
     if (SIDES.some((side) => calm.visible[mark(side, "shoulder")] < VISIBLE)) return null;
     this.sitting.step(landmarks, time);
     this.level.step(landmarks, time, this.sitting.isSeated);
@@ -76,7 +77,8 @@ export class LandmarkPoints {
   }
 
   private learnFloor(floor: number, visible: readonly number[], passed: number): void {
-    const legs = SIDES.flatMap((side) => [visible[mark(side, "knee")], visible[mark(side, "ankle")]]);
+    const parts: readonly Part[] = this.sitting.isSeated ? ["knee", "ankle"] : ["knee"]; // shins of standing people hang
+    const legs = SIDES.flatMap((side) => parts.map((part) => visible[mark(side, part)]));
     if (Math.min(...legs) < FEET_VISIBLE) return;
     this.floor =
       this.floor === null ? floor : this.floor + (1 - 2 ** (-passed / FLOOR_HALF_LIFE)) * (floor - this.floor);

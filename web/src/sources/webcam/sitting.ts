@@ -13,9 +13,9 @@ import {
   DROP_BIAS,
   DROP_DEVIATION,
   HIP_OVER_SEAT,
-  KNEE_GUESSED,
   KNEE_VISIBLE,
   LONGEST_CUE,
+  LOWEST,
   MARGIN,
   ON_TABLE,
   PITCH,
@@ -55,6 +55,15 @@ export class Sitting {
   }
 }
 
+const LEGS = (["knee", "ankle", "heel", "toe"] as const).flatMap((part) => SIDES.map((side) => mark(side, part)));
+
+/** Landmarks whose legs are not seen beyond the lower edge of the picture, where landmarkers guess that they hang. */
+export function withoutGuessedLegs(landmarks: Landmarks): Landmarks {
+  const visible = [...landmarks.visible];
+  for (const place of LEGS) if (landmarks.picture[place][1] < LOWEST) visible[place] = 0;
+  return { ...landmarks, visible };
+}
+
 function cuesOf(landmarks: Landmarks): number {
   const [hip, knee, ankle] = (["hip", "knee", "ankle"] as const).map((part) => placesOf(landmarks, part));
   const flat = (part: Part): Vector[] =>
@@ -87,24 +96,23 @@ export interface Standpoint {
 
 /** Lay the legs of the posture. */
 export function layLegs(laid: Laid, seen: Landmarks, at: Standpoint, skeleton: Skeleton, isSeated: boolean): void {
-  const probability = placesOf(seen, "knee").visible;
+  const isSeen = placesOf(seen, "knee").visible >= KNEE_VISIBLE;
   const { place, room, floor } = at;
-  const isHidden = probability < KNEE_VISIBLE && floor !== null;
-  const sits = isHidden ? rotate(room, place)[1] - floor < STANDING * skeleton.restOffset[1] : isSeated;
-  if (sits) sit(laid, seen, at, skeleton, probability);
+  const sits =
+    !isSeen && floor !== null ? rotate(room, place)[1] - floor < STANDING * skeleton.restOffset[1] : isSeated;
+  if (sits) sit(laid, seen, at, skeleton, isSeen);
   else stand(laid, seen, room, skeleton);
   for (const part of ["knee", "ankle"])
     if (SIDES.every((side) => laid.visible(`${side}_${part}`) < ASSUMED))
       for (const side of SIDES) laid.put(`${side}_${part}`, laid.at(`${side}_${part}`), ASSUMED);
 }
 
-function sit(laid: Laid, seen: Landmarks, at: Standpoint, skeleton: Skeleton, probability: number): void {
+function sit(laid: Laid, seen: Landmarks, at: Standpoint, skeleton: Skeleton, isSeen: boolean): void {
   const { place, room, floor } = at;
   const rest = restOf(skeleton);
   const across = subtract(laid.at("left_hip"), laid.at("right_hip"));
   const [x, , z] = rotate(room, [-across[2], 0, across[0]]);
   const ahead = unit([x, 0, z]);
-  const isSeen = probability >= (floor === null ? KNEE_GUESSED : KNEE_VISIBLE);
   const thighs = SIDES.map((side) => (isSeen ? thighOf(side, laid, seen, at, skeleton, ahead) : ahead));
   const length = size(subtract(rest("left_knee"), rest("left_hip")));
   const over = skeleton.restOffset[1] + (rest("left_knee")[1] + rest("right_knee")[1]) / 2; // m, knees over the floor
@@ -114,8 +122,7 @@ function sit(laid: Laid, seen: Landmarks, at: Standpoint, skeleton: Skeleton, pr
   if (isSeen) {
     const found = (-length * (thighs[0][1] + thighs[1][1])) / 2 - DROP_BIAS;
     const isCrouch = placesOf(seen, "ankle").visible >= ANKLE_VISIBLE; // the feet are in the picture
-    const table = found < usual - USUAL && !isCrouch ? ON_TABLE : 1;
-    const sure = (table * Math.min(probability / KNEE_VISIBLE, 1)) / DROP_DEVIATION ** 2;
+    const sure = (found < usual - USUAL && !isCrouch ? ON_TABLE : 1) / DROP_DEVIATION ** 2;
     const trust = (isCrouch ? Math.exp(-0.5 * ((found - usual) / USUAL) ** 2) : 1) / SEAT_DEVIATION ** 2;
     drop = (found * sure + usual * trust) / (sure + trust);
   } else if (floor !== null) drop = rotate(room, add(place, hips))[1] - floor - over;
