@@ -110,18 +110,19 @@ def test_the_rest_of_a_body_keeps_moving_when_a_hand_is_found_again() -> None:
         observation = observe(clip.pose, clip.time, THREE_POINT)
         rest = clip.pose.skeleton.indices(["pelvis", "spine1", *(f"left_{n}" for n in ("hip", "knee", "ankle"))])
         found = np.arange(50, 590, 40)
+        near = (found[:, None] + np.arange(-3, 4)).ravel()
+
+        def jerk(seen: Observation, clip: Clip = clip, rest: list[int] = rest) -> np.ndarray:
+            return np.linalg.norm(np.diff(completed(clip, seen)[:, rest], 3, axis=0), axis=-1).max(axis=-1)
+
+        usual = jerk(observation)
         for side in ("left", "right"):
             hand = [k for k, name in enumerate(observation.points) if name.startswith(side)]
             has_position, has_rotation = observation.has_position.copy(), observation.has_rotation.copy()
             for frame in found:
                 has_position[frame - 20 : frame, hand] = has_rotation[frame - 20 : frame, hand] = False
             lost = replace(observation, has_position=has_position, has_rotation=has_rotation)
-            jerk, usual = (
-                np.linalg.norm(np.diff(completed(clip, seen)[:, rest], 3, axis=0), axis=-1).max(axis=-1)
-                for seen in (lost, observation)
-            )
-            near = (found[:, None] + np.arange(-3, 4)).ravel()
-            ratios.append(jerk[near].mean() / usual[near].mean())
+            ratios.append(jerk(lost)[near].mean() / usual[near].mean())
     assert np.mean(ratios) < 1.8
 
 

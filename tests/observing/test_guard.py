@@ -43,20 +43,17 @@ def upright(seed: int, kind: str | None = None) -> Body:
 @pytest.mark.parametrize("kind", EVERY)
 def test_right_worlds_give_no_notice(kind: str) -> None:
     rng = np.random.default_rng(list(EVERY).index(kind))
-    for _ in range(2):
+    for floor in (0.0, 0.5):
         body = drawn_body(kind, rng)
         for points, turned in SETS.values():
-            seen = body.seen(points, turned)
-            assert notices(seen) == ()
-            lifted = written(seen, World(floor=0.5))
-            assert notices(lifted, 0.5) == ()
+            assert notices(written(body.seen(points, turned), World(floor=floor)), floor) == ()
 
 
 @pytest.mark.parametrize("world", WRONG, ids=str)
 def test_wrong_worlds_give_a_notice(world: World) -> None:
     """A world is passed over only if its heights are those of a body that lies, reaches or looks down."""
     passed = looked = 0
-    for seed in range(6):
+    for seed in range(4):
         body = upright(seed)
         for name, (points, turned) in SETS.items():
             if world.swapped and not (turned and "left_wrist" in points):
