@@ -112,7 +112,7 @@ def test_the_rest_of_a_body_keeps_moving_when_a_hand_is_found_again() -> None:
         found = np.arange(50, 590, 40)
         near = (found[:, None] + np.arange(-3, 4)).ravel()
 
-        def jerk(seen: Observation, clip: Clip = clip, rest: list[int] = rest) -> np.ndarray:
+        def jerk(seen: Observation, clip: Clip = clip, rest: np.ndarray = rest) -> np.ndarray:
             return np.linalg.norm(np.diff(completed(clip, seen)[:, rest], 3, axis=0), axis=-1).max(axis=-1)
 
         usual = jerk(observation)
