@@ -296,7 +296,7 @@ def test_a_range_holds_for_the_names_before_it() -> None:
 
 
 def test_frames_are_counted_per_joint(take: Path) -> None:
-    from bodysense.cli.motion import holes_line
+    from bodysense.cli.summary import holes_line
 
     partial = open_partial(take, missing_items("left_elbow,left_wrist:10-20,head:5-6"))
     assert holes_line(partial) == "filled frames, of 80: left_wrist 11, left_elbow 11, head 2"

@@ -4,33 +4,27 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import tyro
 
 from bodysense.cli.options import ONE_FILE, Many, MoreFiles, Output, Reading, check_rate
 from bodysense.cli.recordings import load_clip, open_motion, open_recorded, person_of
-from bodysense.cli.summary import do_many, take_values, write_summary
+from bodysense.cli.summary import do_many, frame_counts, print_take, remaining_gaps, take_values, write_summary
 from bodysense.cli.video import NO_VIDEO, VideoOptions, track_video
 from bodysense.devices.simulated.device import DeviceName
 from bodysense.errors import BodysenseError
 from bodysense.files import check_place
 from bodysense.io.markers.options import NO_OPTIONS, MarkerOptions
-from bodysense.io.markers.raw_markers import listed
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions, given_options
 from bodysense.ranges import Seed
 
 if TYPE_CHECKING:
-    from bodysense.body.person import Person
     from bodysense.sources.open import Opened
-    from bodysense.sources.partial_motion import PartialMotion
     from bodysense.takes.take import FilledFile, Take
 
-_LISTED = 12  # largest number of joints or markers in a line
 MotionFile = Annotated[Path, tyro.conf.Positional]
 
 
@@ -241,8 +235,8 @@ def _track_file(
         print(take.partial.line)
     take.save(out, rig)
     print(f"wrote {out}: {len(take.time)} frames at {rate:.0f} frames/s")
-    warnings = (*take.remarks, *(_remaining_gaps(take) if markers_out else ()))
-    _print_result(take, warnings, markers_out)
+    warnings = (*take.remarks, *(remaining_gaps(take) if markers_out else ()))
+    print_take(take, warnings, markers_out)
     if save_person is not None:
         take.person.save(save_person)
         print(f"wrote {save_person}")
@@ -324,7 +318,7 @@ def _convert_file(
     joints, held = opened.held_still
     warnings = list(opened.warnings)
     if held.any():
-        lost = f"frames, of {len(held)}: {_frame_counts(joints, held, 'joints')}"
+        lost = f"frames, of {len(held)}: {frame_counts(joints, held, 'joints')}"
         lost = f"limbs are held still while the body moves, as lost ones are ({lost})"
         lost = f"{lost}; complete them: bodysense track {file.name} -o {out.name}"
         warnings.append(lost)
@@ -351,58 +345,3 @@ def _check_outputs(file: Path, out: Path, rig: str | None, *more: Path | None) -
     for path in more:
         if path is not None:
             check_place(path)
-
-
-def _print_result(take: Take | FilledFile, warnings: tuple[str, ...], markers_out: bool) -> None:
-    """Print filled frames, warnings and inferred proportions of a take."""
-    if take.partial is not None:
-        print(holes_line(take.partial))
-    for line in warnings:
-        if take.markers is None or line not in take.markers.warnings:  # those were printed when the file was opened
-            print(f"WARNING: {line}", file=sys.stderr)
-    if markers_out:
-        print(_filled_markers_line(take))
-    if take.person.bone_deviation.any():
-        print(inferred_line(take.person))
-
-
-def holes_line(partial: PartialMotion) -> str:
-    """Return a line about the joints that a motion lacked."""
-    if partial.is_whole:
-        return (
-            "nothing is missing in this motion: it is unchanged (--missing names joints, --device simulates tracking)"
-        )
-    if partial.clip.lacks and not partial.holes.any():
-        return f"completed {' and '.join(partial.clip.lacks)}, which the motion lacks"
-    return f"filled frames, of {len(partial.holes)}: {_frame_counts(partial.rig.joints, partial.holes, 'joints')}"
-
-
-def _frame_counts(names: Sequence[str], frames: np.ndarray, kind: str) -> str:
-    """Return a text with the number of true frames (T, N) of each joint or marker, largest first; '' without any."""
-    counts = sorted(zip(names, frames.sum(axis=0).tolist(), strict=True), key=lambda row: row[1])[::-1]
-    found = [f"{name} {count}" for name, count in counts if count]
-    more = f" and {len(found) - _LISTED} more {kind}" if len(found) > _LISTED else ""
-    return ", ".join(found[:_LISTED]) + more
-
-
-def _filled_markers_line(take: Take | FilledFile) -> str:
-    """Return a line with the number of filled frames of each marker."""
-    assert take.markers is not None and take.markers.found is not None
-    raw = take.markers.found.raw
-    listed = _frame_counts(raw.names, take.filled_markers.filled, "markers")
-    return f"filled, in frames of {len(raw.time)}: {listed}" if listed else "no marker has a gap: none was filled"
-
-
-def _remaining_gaps(take: Take | FilledFile) -> tuple[str, ...]:
-    """Return a line about markers that still have gaps, if there are any."""
-    assert take.markers is not None and take.markers.found is not None
-    raw, filled = take.markers.found.raw, take.filled_markers.filled
-    still = [raw.names[k] for k in np.flatnonzero(~(np.isfinite(raw.position[..., 0]) | filled).all(axis=0)).tolist()]
-    return (f"gaps remain (never seen, not worn on the body, or no markers): {listed(still)}",) if still else ()
-
-
-def inferred_line(person: Person) -> str:
-    """Return a line about the inferred proportions of a wearer."""
-    if person.height is None:
-        return f"height {person.stature:.2f} m inferred"
-    return f"height {person.height.value:.2f} m known, other proportions inferred"

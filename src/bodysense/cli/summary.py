@@ -1,4 +1,4 @@
-"""Results of a command: as a file for other programs (`--json`), and a table of many files."""
+"""Results of a command: lines about a take, a file for other programs (`--json`), and a table of many files."""
 
 from __future__ import annotations
 
@@ -17,12 +17,16 @@ from bodysense.cli.options import ManyOptions
 from bodysense.cli.show import wide_console
 from bodysense.errors import BodysenseError
 from bodysense.files import check_folder, check_place, write_json
+from bodysense.io.markers.raw_markers import listed
 
 if TYPE_CHECKING:
+    from bodysense.body.person import Person
+    from bodysense.sources.partial_motion import PartialMotion
     from bodysense.takes.many import FileOutcome
     from bodysense.takes.take import FilledFile, Take
 
-_LISTED = 40  # largest number of files in the table; of more, those with errors or warnings
+_LISTED = 12  # largest number of joints or markers in a line
+_LISTED_FILES = 40  # largest number of files in the table; of more, those with errors or warnings
 
 
 def write_summary(path: Path | None, outputs: list[Path], values: Mapping[str, Any]) -> None:
@@ -53,6 +57,61 @@ def take_values(take: Take | FilledFile, speed: float, warnings: Sequence[str], 
         filled = dict(zip(take.markers.found.raw.names, take.filled_markers.filled.T, strict=True))
     values["filled_frames"] = {name: int(frames.sum()) for name, frames in filled.items() if frames.any()}
     return values
+
+
+def print_take(take: Take | FilledFile, warnings: tuple[str, ...], markers_out: bool) -> None:
+    """Print filled frames, warnings and inferred proportions of a take."""
+    if take.partial is not None:
+        print(holes_line(take.partial))
+    for line in warnings:
+        if take.markers is None or line not in take.markers.warnings:  # those were printed when the file was opened
+            print(f"WARNING: {line}", file=sys.stderr)
+    if markers_out:
+        print(_filled_markers_line(take))
+    if take.person.bone_deviation.any():
+        print(inferred_line(take.person))
+
+
+def holes_line(partial: PartialMotion) -> str:
+    """Return a line about the joints that a motion lacked."""
+    if partial.is_whole:
+        return (
+            "nothing is missing in this motion: it is unchanged (--missing names joints, --device simulates tracking)"
+        )
+    if partial.clip.lacks and not partial.holes.any():
+        return f"completed {' and '.join(partial.clip.lacks)}, which the motion lacks"
+    return f"filled frames, of {len(partial.holes)}: {frame_counts(partial.rig.joints, partial.holes, 'joints')}"
+
+
+def frame_counts(names: Sequence[str], frames: np.ndarray, kind: str) -> str:
+    """Return a text with the number of true frames (T, N) of each joint or marker, largest first; '' without any."""
+    counts = sorted(zip(names, frames.sum(axis=0).tolist(), strict=True), key=lambda row: row[1])[::-1]
+    found = [f"{name} {count}" for name, count in counts if count]
+    more = f" and {len(found) - _LISTED} more {kind}" if len(found) > _LISTED else ""
+    return ", ".join(found[:_LISTED]) + more
+
+
+def _filled_markers_line(take: Take | FilledFile) -> str:
+    """Return a line with the number of filled frames of each marker."""
+    assert take.markers is not None and take.markers.found is not None
+    raw = take.markers.found.raw
+    listed = frame_counts(raw.names, take.filled_markers.filled, "markers")
+    return f"filled, in frames of {len(raw.time)}: {listed}" if listed else "no marker has a gap: none was filled"
+
+
+def remaining_gaps(take: Take | FilledFile) -> tuple[str, ...]:
+    """Return a line about markers that still have gaps, if there are any."""
+    assert take.markers is not None and take.markers.found is not None
+    raw, filled = take.markers.found.raw, take.filled_markers.filled
+    still = [raw.names[k] for k in np.flatnonzero(~(np.isfinite(raw.position[..., 0]) | filled).all(axis=0)).tolist()]
+    return (f"gaps remain (never seen, not worn on the body, or no markers): {listed(still)}",) if still else ()
+
+
+def inferred_line(person: Person) -> str:
+    """Return a line about the inferred proportions of a wearer."""
+    if person.height is None:
+        return f"height {person.stature:.2f} m inferred"
+    return f"height {person.height.value:.2f} m known, other proportions inferred"
 
 
 def do_many(
@@ -105,11 +164,11 @@ def _print_many(outcomes: Sequence[FileOutcome], folder: Path, seconds: float) -
     from rich import box
     from rich.table import Table
 
-    listed = outcomes if len(outcomes) <= _LISTED else [one for one in outcomes if one.error or one.warnings][:_LISTED]
+    in_table = outcomes if len(outcomes) <= _LISTED_FILES else [one for one in outcomes if one.error or one.warnings]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for column in ("file", "frames", "Hz", "seconds", "result"):
         table.add_column(column, justify="left" if column in ("file", "result") else "right", overflow="fold")
-    for one in listed:
+    for one in in_table[:_LISTED_FILES]:
         result = "failed" if one.error else "written before" if one.is_earlier else f"wrote {one.out}"
         numbers = ("", "") if one.error else (str(one.frames), f"{one.frame_rate:g}")
         table.add_row(one.file, *numbers, f"{one.seconds:.2f}", result + " (WARNING)" * bool(one.warnings))
