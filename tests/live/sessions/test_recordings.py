@@ -159,8 +159,7 @@ def check_fault(
     assert has_failed or len(read_bvh(files[0])) == 200
 
 
-@pytest.mark.parametrize("part", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("operation", ["write", "seek"])
+@pytest.mark.parametrize(("operation", "part"), [("write", 0.0), ("write", 0.3), ("write", 1.0), ("seek", 0.0)])
 def test_the_remains_of_a_killed_server_are_a_motion(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, operation: str, part: float
 ) -> None:
