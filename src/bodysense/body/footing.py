@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from bodysense.body.pose import as_like
 from bodysense.body.skeleton import Skeleton
 from bodysense.geometry.gaps import runs
-from bodysense.geometry.rotation import Array
+from bodysense.geometry.rotation import Array, array_namespace
 from bodysense.geometry.series import fade_out
 
 SOLE_POINTS = tuple(f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "foot", "toe"))

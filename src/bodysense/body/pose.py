@@ -8,13 +8,14 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace, device
+from array_api_compat import device
 
 from bodysense.body.skeleton import Skeleton, chain_to_root
 from bodysense.errors import expect
 from bodysense.files import load_library
 from bodysense.geometry.rotation import (
     Array,
+    array_namespace,
     quaternion_conjugate,
     quaternion_exp,
     quaternion_multiply,

@@ -36,7 +36,7 @@ def array_namespace(*arrays: Array) -> Any:
     """Return the library of arrays. NumPy's functions need no wrapper: version 2 follows the Array API."""
     for one in arrays:
         if type(one) is not np.ndarray:
-            return array_api_compat.array_namespace(*arrays)
+            return array_api_compat.array_namespace(*arrays)  # noqa: TID251 (of PyTorch)
     return np
 
 

@@ -16,13 +16,13 @@ from functools import lru_cache
 from typing import Literal
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from bodysense.body.pose import Pose, as_like, forward_kinematics
 from bodysense.body.skeleton import Skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import (
     Array,
+    array_namespace,
     matrix_to_quaternion,
     quaternion_canonical,
     quaternion_conjugate,
