@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from .network_library import FLAGS, SOURCES, compiled
+from .library import FLAGS, SOURCES, compiled
 
 
 @pytest.fixture(scope="session")

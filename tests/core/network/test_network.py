@@ -14,8 +14,8 @@ from bodysense.body.skeleton import default_skeleton
 from bodysense.geometry.rotation import normalize, quaternion_exp, quaternion_to_matrix
 from bodysense_lab.completion.networks.weights_file import read_safetensors, safetensors_bytes
 
-from .network_library import BODY, PREDICTION, TRACKED, NetworkLibrary, filled, open_library
-from .twin.points import HEAD, rest_height
+from ..twin.points import HEAD, rest_height
+from .library import BODY, PREDICTION, TRACKED, NetworkLibrary, filled, open_library
 
 WEIGHTS = Path(str(files("bodysense.weights") / "completion.safetensors"))
 

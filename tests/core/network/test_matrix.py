@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import expit
 
-from .network_library import aligned
+from .library import aligned
 
 GROUP, BLOCK, KERNELS = 16, 64, 6
 PAIRS, QUADS = 2, 4  # bundles of inputs in two bytes, and in one

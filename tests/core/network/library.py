@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-SOURCES = Path(__file__).parents[2] / "core" / "src"
+SOURCES = Path(__file__).parents[3] / "core" / "src"
 PARTS = (
     "base/kinematics",
     "products/matrix",
