@@ -49,7 +49,7 @@ def imported(module: str, when: When) -> frozenset[str]:
             assert not node.level and node.module, f"{module}: imports are absolute"
             whole = {f"{node.module}.{alias.name}" for alias in node.names}
             names |= {name if name in MODULES else node.module for name in whole}
-        elif isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING" and when != "any":
+        elif isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING" and when != "any":
             todo += node.orelse
         elif when != "import" or not isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)):
             todo += (child for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr))
