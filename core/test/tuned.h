@@ -7,6 +7,7 @@
 #include "tuned_inputs.h"
 #include "tuned_limbs.h"
 #include "tuned_person.h"
+#include "tuned_stance.h"
 
 /* ---- the table --------------------------------------------------------------------------------------------------- */
 
@@ -38,20 +39,29 @@ static const struct tuned {
     {"FOOT_REACH", 0.25, foot_reach},
     {"FOOT_DRAG", 0.04, foot_drag},
     {"FOOT_DRAG_STANDING", 0.13, foot_drag_standing},
-    {"FOOT_MOST_TURN", 0.35, foot_most_turn},
-    {"FOOT_TURN_LEAK", 1, foot_turn_leak},
+    {"FOOT_MOST_TURN", 0.6, foot_most_turn},
+    {"FOOT_TURN_LEAK", 3, foot_turn_leak},
+    {"FOOT_LIFT", 0.025, foot_lift},
+    {"FOOT_MOVES", 0.06, foot_moves},
+    {"FOOT_RISE", 0.015, foot_rise},
+    {"FOOT_LAND", 0.05, foot_land},
+    {"FOOT_CALM", 0.3, foot_calm},
+    {"FOOT_WALKS", 0.6, foot_walks},
+    {"STANCE_TURNED", 0.2, stance_turned},
+    {"STANCE_LOW", 0.85, stance_low},
+    {"STANCE_STANDS", 0.92, stance_stands},
     {"STEP_LEAST", 0.04, step_least},
     {"STEP_LEAST_SURE", 0.12, step_least_sure},
     {"STEP_SWAY", 0.06, step_sway},
     {"STEP_LOOSE", 0.312, step_loose},
     {"STEP_SURE", 0.888, step_sure},
-    {"STEP_RADIUS", 0.267, step_radius},
+    {"STEP_RADIUS", 0.08, step_radius},
     {"STEP_STRAIN", 0.03, step_strain},
     {"STEP_DRAGGED", 0.036, step_dragged},
     {"STEP_SPAN", 0.35, step_span},
     {"STEP_SPEED", 0.4, step_speed},
     {"STEP_TOE", 10, step_toe},
-    {"STEP_LIFT", 0.035, step_lift},
+    {"STEP_LIFT", 0.04, step_lift},
     {"STEP_RISE", 0.207, step_rise},
     {"EASE_RAMP", 0.125, ease_ramp},
     {"EASE_FASTEST", 12.5, ease_fastest},

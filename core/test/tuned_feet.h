@@ -25,7 +25,7 @@ static stand flat_feet(float contact) {
         s.foot[k] = (foot){vec(x, 0.08F, 0), vec(x, 0.02F, 0.14F), vec(x, 0.02F, 0.2F), 0.08F, 0.02F, contact, contact,
                            false, false, false, 0.0F};
     }
-    s.body = (carrier){vec(0, 1.6F, 0), 1.0F, 0.0F};
+    s.body = (carrier){vec(0, 1.6F, 0), 1.0F, 0.0F, 0.0F};
     return s;
 }
 
@@ -166,6 +166,46 @@ static double foot_turn_leak(const bs_model *m) {
     return half_time(&s, &s.state[0].turn);
 }
 
+/* How high a foot is lifted (m) whose ball has moved at a speed (m/s) for long. */
+static float lifted_at(double speed) {
+    foot_state s = {0};
+    for (int k = 0; k < 100; k++) lift_moving(&s, vec((float)speed * TICK * (float)k, 0, 0), TICK);
+    return s.lifted;
+}
+
+static double foot_lift(const bs_model *m) { (void)m; return (double)lifted_at(9); }
+static double foot_moves(const bs_model *m) { (void)m; LEAST(0, 1, lifted_at(at) > 1e-6F); }
+
+/* Seconds in which half of the lift is made up by a foot that begins to move, or given up by one that stops. */
+static double half_of_lift(bool rises) {
+    foot_state s = {.shown = true, .lifted = rises ? 0.0F : lifted_at(9)};
+    const float half = 0.5F * lifted_at(9);
+    int frames = 0;
+    for (; (s.lifted < half) == rises && frames < FOREVER; frames++)
+        lift_moving(&s, vec(rises ? 9.0F * TICK * (float)(frames + 1) : 0.0F, 0, 0), TICK);
+    return (double)frames * (double)TICK;
+}
+
+static double foot_rise(const bs_model *m) { (void)m; return half_of_lift(true); }
+static double foot_land(const bs_model *m) { (void)m; return half_of_lift(false); }
+
+/* How high a foot that is dragged is shown over the floor (m), under a head of a speed (m/s). */
+static float shown_lift(double speed) {
+    stand s = flat_feet(1);
+    s.upright = 1.0F;
+    s.foot[1].ankle_contact = s.foot[1].ball_contact = 0.2F;
+    s.body.speed = (float)speed;
+    for (int k = 0; k < 100; k++) shift(&s, 0, vec(TICK, 0, 0)), hold(&s, 1);
+    return s.move[0].shift.y;
+}
+
+static double foot_calm(const bs_model *m) {
+    const float most = shown_lift(0);
+    (void)m;
+    LEAST(0, 3, shown_lift(at) < 0.999F * most);
+}
+static double foot_walks(const bs_model *m) { (void)m; LEAST(0, 3, shown_lift(at) < 1e-5F); }
+
 /* ---- steps ------------------------------------------------------------------------------------------------------- */
 
 /* The strain after a second of a foot that is `off` from where it belongs while its body went `went` and turned. */
@@ -173,8 +213,8 @@ static float strain_of(double off, double went, double turn, double contact) {
     foot_state s = {.slide = vec(-(float)off, 0, 0), .turn = -(float)turn};
     float sine, cosine;
     sine_cosine((float)turn, &sine, &cosine);
-    put_down(&s, (carrier){vec(0, 1.6F, 0), 1, 0}, vec(0, 0, 0));
-    strain_foot(&s, (carrier){vec((float)went, 1.6F, 0), cosine, sine}, (float)contact, 1.0F, 0.0F);
+    put_down(&s, (carrier){vec(0, 1.6F, 0), 1, 0, 0}, vec(0, 0, 0));
+    strain_foot(&s, (carrier){vec((float)went, 1.6F, 0), cosine, sine, 0}, (float)contact, 1.0F, 0.0F);
     return s.strain;
 }
 
@@ -216,12 +256,12 @@ static double step_lift(const bs_model *m) {
     foot_state s = {.step = step_from(9, 0.1, 0)};
     float most = 0.0F;
     (void)m;
-    while (steps(&s)) most = fmaxf(most, advance_step(&s, TICK));
+    while (steps(&s)) most = fmaxf(most, advance_step(&s, TICK).lift);
     return (double)most;
 }
 
 static double step_rise(const bs_model *m) {
-    foot_state s = {.step = step_from(9, 4, 0)};
+    foot_state s = {.slide = vec(4, 0, 0), .step = step_from(9, 4, 0)};
     (void)m;
     do advance_step(&s, TICK);
     while (s.slide.x > 3.999F);

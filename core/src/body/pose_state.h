@@ -29,10 +29,10 @@ typedef struct hinge_state {
     float upright, tilted; /* sums of its cosine and sine, by how far elbows were bent */
 } hinge_state;
 
-/* Where the body is that feet carry: its head, from base (m), and the heading of its pelvis. */
+/* Where the body is that feet carry: its head, from base (m), the heading of its pelvis, and the head's speed (m/s). */
 typedef struct carrier {
     vec3 head;
-    float cosine, sine;
+    float cosine, sine, speed;
 } carrier;
 
 /* A step of a foot to where it is predicted. */
@@ -52,6 +52,9 @@ typedef struct foot_state {
     carrier put_by; /* where the body was then */
     float strain;   /* m·s by which a foot that stands is away from where it belongs */
     foot_step step;
+    vec3 ball;      /* m, from base: of the foot as output */
+    bool shown;     /* a ball was output */
+    float lifted;   /* m, by which a foot that moves is lifted */
     float stood;    /* s since the ankle rests on the floor */
     float drop;     /* m: how far the foot is lowered onto the floor; below 0: raised */
 } foot_state;

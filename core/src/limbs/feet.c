@@ -64,6 +64,7 @@ void hold_feet(const foot foot[2], carrier body, float floor, float interval, fl
     float still = fminf(flatness(&state[0]), flatness(&state[1]));
     float sole = FOOT_SOLE * (1.0F - FOOT_STILL * still), drag = FOOT_DRAG + (FOOT_DRAG_STANDING - FOOT_DRAG) * still;
     float most_turn = FOOT_MOST_TURN * still;
+    float calm = upright * clamp((FOOT_WALKS - body.speed) / (FOOT_WALKS - FOOT_CALM), 0.0F, 1.0F);
     float hovering = fmaxf(fminf(height_over(&foot[0], floor, sole), height_over(&foot[1], floor, sole)), 0.0F);
     int part[2];
     for (int k = 0; k < 2; k++) {
@@ -75,21 +76,23 @@ void hold_feet(const foot foot[2], carrier body, float floor, float interval, fl
         foot_state *s = &state[k];
         bool fresh = part[k] == 0 || part[k] != s->held, stepping = steps(s) && !f->seen;
         vec3 before = s->slide;
-        float drop = 0.0F, lift = 0.0F, dragged = 0.0F;
+        foot_flight flight = {0.0F, false};
+        float drop = 0.0F, dragged = 0.0F;
         s->slide = given_back(s->slide, fade, interval);
         if (part[k] == 0 || fresh || f->turned) s->turn *= fade;
-        if (stepping) lift = advance_step(s, interval);
+        if (stepping) flight = advance_step(s, interval);
         if (part[k] != 0) {
-            if (!stepping) hold_turn(f, s, fresh, unturn, fmaxf(most_turn, fade * fabsf(s->turn)));
-            else hold_turn(f, s, true, 1.0F, fabsf(s->turn));
+            float held_turn = fmaxf(most_turn, fade * fabsf(s->turn));
+            hold_turn(f, s, fresh || flight.moves, stepping ? 1.0F : unturn, flight.moves ? fabsf(s->turn) : held_turn);
             vec3 at = part[k] == 1 ? f->ankle : turned_ball(f, s->turn);
-            if (!stepping) {
-                if (!fresh) s->slide = scale(sub(s->anchor, at), leak);
+            if (!flight.moves) {
+                if (!fresh) s->slide = scale(sub(s->anchor, at), stepping ? 1.0F : leak);
                 s->slide.y = 0.0F;
                 vec3 whole = s->slide;
                 s->slide = limited(whole, fmaxf(drag, length(given_back(before, fade, interval))));
                 dragged = length(whole) - length(s->slide);
             }
+            if (stepping && !flight.moves) s->step = (foot_step){s->slide, s->turn, s->step.age, s->step.span};
             s->anchor = add(at, s->slide);
             float contact = part[k] == 1 ? f->ankle_contact : f->ball_contact;
             if (fresh || stepping) put_down(s, body, s->anchor);
@@ -106,13 +109,16 @@ void hold_feet(const foot foot[2], carrier body, float floor, float interval, fl
         move[k] = (foot_move){{0, 0, 0}, 0.0F};
         if (f->seen) {
             s->slide = vec(0, 0, 0);
-            s->turn = s->drop = s->step.span = 0.0F;
+            s->turn = s->drop = s->step.span = s->lifted = 0.0F;
+            s->shown = false;
             if (!f->met) move[k].shift.y = clamp(floor - f->ankle.y, 0.0F, 2.0F * FOOT_REACH); /* an ankle that is eased */
             continue;
         }
         move[k] = (foot_move){vec(s->slide.x, -s->drop, s->slide.z), s->turn};
         float lowest = fminf(fminf(f->ankle.y, f->ball.y), f->toe.y) - s->drop - floor;
         if (lowest < 0.0F) move[k].shift.y += fminf(-lowest, 2.0F * FOOT_REACH); /* never under the floor */
+        vec3 ball = add(turned_ball(f, s->turn), s->slide);
+        float lift = fmaxf(flight.lift, calm * lift_moving(s, ball, interval));
         move[k].shift.y += fmaxf(lift - fmaxf(height_over(f, floor, 0.0F) - s->drop, 0.0F), 0.0F);
     }
     begin_step(state);

@@ -149,7 +149,8 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
     vec3 move[2] = {{0, 0, 0}, {0, 0, 0}};
     if (settings->hold_feet) {
         foot_move moved[2];
-        hold_feet(feet, (carrier){b->point[HEAD], c, sine}, t->floor, t->interval, uprightness(b, t, s), s->foot, moved);
+        float speed = length(vec(s->head_speed.x, 0, s->head_speed.z));
+        hold_feet(feet, (carrier){b->point[HEAD], c, sine, speed}, t->floor, t->interval, uprightness(b, t, s), s->foot, moved);
         for (int k = 0; k < 2; k++) {
             move[k] = moved[k].shift;
             turn_foot(b, t, LEFT_ANKLE + k, LEFT_FOOT + k, moved[k].turn);

@@ -43,13 +43,32 @@ void begin_step(foot_state state[2]) {
     s->strain = 0.0F;
 }
 
-float advance_step(foot_state *s, float interval) {
+/* How far a step of an age (s) is along the floor, 0 to 1: a foot that rises or lands stays where it is. */
+static float along_floor(const foot_step *step, float age) {
+    return clamp((age / step->span - STEP_RISE) / (1.0F - 2.0F * STEP_RISE), 0.0F, 1.0F);
+}
+
+foot_flight advance_step(foot_state *s, float interval) {
+    float before = along_floor(&s->step, s->step.age);
     s->step.age += interval;
-    float u = fminf(s->step.age / s->step.span, 1.0F);
-    float v = clamp((u - STEP_RISE) / (1.0F - 1.5F * STEP_RISE), 0.0F, 1.0F);
+    float u = fminf(s->step.age / s->step.span, 1.0F), v = along_floor(&s->step, s->step.age);
     float left = 1.0F - v * v * (3.0F - 2.0F * v), up = 4.0F * u * (1.0F - u);
-    s->slide = scale(s->step.from, left);
-    s->turn = left * s->step.turned;
+    foot_flight flight = {.lift = STEP_LIFT * up * up, .moves = v > 0.0F && before < 1.0F};
+    if (flight.moves) {
+        s->slide = scale(s->step.from, left);
+        s->turn = left * s->step.turned;
+    }
     if (u >= 1.0F) s->step.span = 0.0F;
-    return STEP_LIFT * up * up;
+    return flight;
+}
+
+float lift_moving(foot_state *s, vec3 ball, float interval) {
+    vec3 moved = sub(ball, s->ball);
+    float speed = s->shown ? length(vec(moved.x, 0.0F, moved.z)) / interval : 0.0F;
+    float lifted = FOOT_LIFT * clamp(speed / FOOT_MOVES - 1.0F, 0.0F, 1.0F);
+    float half_life = lifted > s->lifted ? FOOT_RISE : FOOT_LAND;
+    s->lifted += (lifted - s->lifted) * (1.0F - power_of_two(-interval / half_life));
+    s->ball = ball;
+    s->shown = true;
+    return s->lifted;
 }

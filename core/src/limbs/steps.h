@@ -21,7 +21,16 @@ void begin_step(foot_state state[2]);
 
 static inline bool steps(const foot_state *s) { return s->step.span > 0.0F; }
 
-/* Advance a step by a frame. Returns the height over the floor (m); `slide` and `turn` of the foot follow the step. */
-float advance_step(foot_state *s, float interval);
+/* What a step does in a frame. */
+typedef struct foot_flight {
+    float lift; /* m, height over the floor */
+    bool moves; /* `slide` and `turn` follow the step; else the foot rises or lands, and stays where it is */
+} foot_flight;
+
+/* Advance a step by a frame. */
+foot_flight advance_step(foot_state *s, float interval);
+
+/* How high (m) a foot is lifted because its ball, which comes to `ball`, moves along the floor. */
+float lift_moving(foot_state *s, vec3 ball, float interval);
 
 #endif

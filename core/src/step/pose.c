@@ -1,6 +1,6 @@
 /* From what the network predicts to a body that meets what is measured and moves without jumps.
  *
- *     predicted body fitted to measured points → balanced over its feet → rotations: measured, implied or predicted →
+ *     predicted body fitted to measured points → balanced over its feet, which point ahead → rotations: measured, implied or predicted →
  *     eased where sensors came or went → the body hung on its head → spine bent to the pelvis → legs, feet held and on
  *     the floor → arms → places
  */
@@ -13,6 +13,7 @@
 #include "../body/fit.h"
 #include "../body/head.h"
 #include "../body/offset_decay.h"
+#include "../body/stance.h"
 #include "../body/trunk.h"
 #include "../limbs/arms.h"
 #include "../limbs/legs.h"
@@ -83,6 +84,7 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
     float interval = t->interval;
     fit_prediction(t, s, p);
     balance_prediction(t, s, p);
+    turn_stance(t, p);
     decay_offsets(t, s, p);
     find_changes(t, s, changed);
     rotation_goals(t, p, goal);

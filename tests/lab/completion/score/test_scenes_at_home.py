@@ -9,16 +9,31 @@ from bodysense_lab.completion.score.scripted.scene_scoring import SceneWork, sce
 from bodysense_lab.completion.score.tracking import PeopleTracker
 
 STANDING = ("stand", "weight_on_one_leg", "hands_behind_head", "arms_crossed")
+STEPPING = ("turn", "shuffle", "step_aside", "step_back")
+
+
+def scored(sets: tuple[str, ...], kinds: tuple[str, ...]) -> dict[str, RunningScores]:
+    work = SceneWork(PeopleTracker(None), sets)
+    scores = {name: RunningScores() for name in work.sets}
+    for job in scene_jobs("val", kinds, 2):
+        for name, one in work(job).items():
+            scores[name].merge(one)
+    return scores
 
 
 @pytest.fixture(scope="module")
 def standing() -> dict[str, RunningScores]:
-    work = SceneWork(PeopleTracker(None), ("three_point", "six_point"))
-    scores = {name: RunningScores() for name in work.sets}
-    for job in scene_jobs("val", STANDING, 2):
-        for name, one in work(job).items():
-            scores[name].merge(one)
-    return scores
+    return scored(("three_point", "six_point"), STANDING)
+
+
+@pytest.mark.slow
+def test_people_who_turn_and_shuffle_step() -> None:
+    """Without the lift of feet that move, 5.4 % of the frames glide; without a stance, 43 % of the steps are missing."""
+    three = scored(("three_point",), STEPPING)["three_point"]
+    print({name: three.get(name) for name in ("gliding_share", "missed_steps_share", "false_steps_per_minute")})
+    assert three.get("gliding_share") < 0.01
+    assert three.get("missed_steps_share") < 0.25
+    assert three.get("crossed_share") == 0
 
 
 @pytest.mark.slow

@@ -1,0 +1,13 @@
+/* Stance: the feet of a body that stands point where its pelvis does, or nearly. */
+#ifndef BODYSENSE_STANCE_H
+#define BODYSENSE_STANCE_H
+
+#include "../base/internal.h"
+
+/* Turn predicted legs along with the pelvis of a body that stands, beyond what hips and knees turn.
+ *
+ * While people turn on the spot, the network predicts a mean of both feet, which stay behind the pelvis by up to 70°.
+ * Legs are turned about the vertical through their hips. Nothing is turned if a point of a leg is measured. */
+void turn_stance(const tracked *t, prediction *p);
+
+#endif

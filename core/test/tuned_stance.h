@@ -1,0 +1,28 @@
+/* Numbers of the stance. */
+#ifndef BODYSENSE_TUNED_STANCE_H
+#define BODYSENSE_TUNED_STANCE_H
+
+#include "../src/body/stance.h"
+#include "measure.h"
+#include "tuned_limbs.h"
+
+/* By how much the legs are turned (rad) of a body whose head is `high`, of its standing height, if its pelvis turns. */
+static double legs_turned(const bs_model *model, double turn, double high) {
+    static body b;
+    static prediction p;
+    tracked t = rest_of(model, &b);
+    t.floor = t.position[HEAD].y - (float)high * standing_height(&t, HEAD);
+    for (int j = 0; j < BODY_JOINTS; j++) p.rotation[j] = identity();
+    p.rotation[PELVIS] = turned_by(identity(), scale(UP, (float)turn));
+    turn_stance(&t, &p);
+    return (double)turn_between(identity(), p.rotation[LEFT_KNEE]).y;
+}
+
+static double stance_turned(const bs_model *m) { LEAST(0, 3, legs_turned(m, at, 1) > 1e-4); }
+static double stance_low(const bs_model *m) { LEAST(0.2, 2, legs_turned(m, -1, at) < -1e-4); }
+static double stance_stands(const bs_model *m) {
+    const double whole = legs_turned(m, 1, 1);
+    LEAST(0.2, 2, legs_turned(m, 1, at) > 0.999 * whole);
+}
+
+#endif
