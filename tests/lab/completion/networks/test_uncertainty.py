@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from bodysense_lab.completion.networks.error_map import INPUTS, MASKS, POINTS, ErrorMap, identity_map
+from bodysense_lab.completion.networks.error_map import INPUTS, MASKS, POINTS, ErrorMap, disagreement_map, identity_map
 from bodysense_lab.completion.networks.error_samples import ErrorSamples
 from bodysense_lab.completion.networks.publish import fit_error_map
 
@@ -19,9 +19,11 @@ def samples(count: int = 6000) -> ErrorSamples:
     mean *= np.where(disagreement[:, :1] > np.log(0.25), 1.5, 1.0)
     in_training = rng.uniform(size=count) < 0.7
     mean *= np.where(in_training, 0.6, 1.0)[:, None]
+    rarity = rng.choice([1.0, 2.0], count)
     inputs = np.concatenate([np.log(expected), masks, certainty, disagreement], axis=1)
     weight = np.full(count, 1 / count)
-    return ErrorSamples(inputs, rng.exponential(mean), np.ones((count, POINTS), dtype=bool), in_training, weight)
+    error = rng.exponential(mean) * rarity[:, None]
+    return ErrorSamples(inputs, error, np.ones((count, POINTS), dtype=bool), rarity, in_training, weight)
 
 
 def applied(fitted: ErrorMap, of: ErrorSamples) -> np.ndarray:
@@ -50,10 +52,17 @@ def test_the_mean_error_is_found() -> None:
 @pytest.mark.slow
 def test_nine_of_ten_errors_are_within_the_bound() -> None:
     of = samples()
-    within = of.error <= applied(fit_error_map(of, 0.9, steps=700), of)
-    for chosen in (both_tracked(of), ~both_tracked(of), disagree(of), ~disagree(of)):
+    within = of.error <= of.rarity[:, None] * applied(fit_error_map(of, 0.9, steps=700), of)
+    for chosen in (both_tracked(of), ~both_tracked(of), disagree(of), ~disagree(of), of.rarity == 1, of.rarity == 2):
         assert within[chosen & ~of.in_training].mean() == pytest.approx(0.9, abs=0.03)
     assert within[of.in_training].mean() > 0.95
+
+
+def test_the_map_of_disagreements_returns_them_and_one_metre_for_points_that_are_no_joints() -> None:
+    of = samples(50)
+    sampled = applied(disagreement_map(), of)
+    np.testing.assert_allclose(np.log(sampled[:, :22]), of.inputs[:, -22:])
+    np.testing.assert_allclose(sampled[:, 22:], 1.0)
 
 
 def test_the_identity_map_keeps_expected_errors() -> None:

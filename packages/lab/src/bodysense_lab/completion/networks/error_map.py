@@ -36,7 +36,11 @@ class ErrorMap:
 
 
 def disagreement_map() -> ErrorMap:
-    """Return the map whose output is the disagreement of the network's two answers, for joints that are not tracked."""
+    """Return the map whose output is the disagreement of the network's two answers, for joints that are not tracked.
+
+    Its output for the other points is 1 m. The core's bounds are these outputs times the factor of rare poses, so that
+    of a point that is no joint is the factor itself.
+    """
     start = identity_map()
     weight = np.zeros((INPUTS, POINTS))
     weight[-len(BODY) :, : len(BODY)] = np.eye(len(BODY))

@@ -44,11 +44,12 @@ from bodysense_lab.data.clips import training_clips
 from bodysense_lab.synthesis.scenes import KINDS, sequence
 
 # Shares of the samples: usual sensors and random signals on recorded people, and both on scripted scenes. Half of usual
-# sensors: bounds of random signals hold for 76 % of their joints instead of 80 %.
-SHARES = {"usual": 0.35, "signals": 0.45, "scenes": 0.2}
+# sensors: bounds of random signals hold for 76 % of their joints instead of 80 %. `positions` are sets without any
+# rotation: as a twentieth of the signals alone, their expected errors are 0.4 of the true ones.
+SHARES = {"usual": 0.35, "signals": 0.35, "positions": 0.1, "scenes": 0.2}
 # Random sets besides the usual ones: from the lattice of sensors, and of any kind, each on a few scenes. With 60 sets
 # on 32 scenes each, the map underrates errors of sets that it has not read by two fifths.
-_EDGES, _SIGNALS, _FEW = 100, 300, 6
+_EDGES, _SIGNALS, _POSITIONS, _FEW = 100, 300, 60, 6
 _SCENES, _SECONDS = 3, 9.0  # scripted scenes of each kind, and their duration, s
 _STRIDE = 4  # frames between samples; neighbouring frames are alike
 _LONGEST, _CLIPS = 9.0, 2  # s of a clip, and clips of each training person
@@ -61,6 +62,7 @@ class ErrorSamples:
     inputs: np.ndarray  # (N, 119) float32: see `error_map.INPUTS`
     error: np.ndarray  # (N, 25) float32 m
     untracked: np.ndarray  # (N, 25) bool: the point was not tracked
+    rarity: np.ndarray  # (N,) factor of the core's bounds: more than 1 in rare poses
     in_training: np.ndarray  # (N,) bool: the motion is in the training data
     weight: np.ndarray  # (N,) how often a sample is read; all weights add up to 1
 
@@ -103,8 +105,8 @@ def sample_errors(scenes: SampledScenes, model: CompletionModel, seed: int = 5) 
         np.full(len(part[0]), SHARES[job.source] / present / counts[job.source])
         for job, part in zip(jobs, parts, strict=True)
     ]
-    inputs, error, untracked, in_training = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return ErrorSamples(inputs, error, untracked, in_training, np.concatenate(weight))
+    columns = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return ErrorSamples(*columns, np.concatenate(weight))
 
 
 def _jobs(scenes: SampledScenes, rng: np.random.Generator) -> Iterator[_Job]:
@@ -117,13 +119,19 @@ def _jobs(scenes: SampledScenes, rng: np.random.Generator) -> Iterator[_Job]:
 
     usual: list[tuple[SensorSet, Body]] = [(SENSOR_SETS[name], body) for name in TABLE_SETS for body in BODIES]
     edges = [edge.more for edge in random_edges(_EDGES, rng)]
-    signals: list[tuple[SensorSet, Body]] = [
-        (observed_set(each), BODIES[int(rng.integers(len(BODIES)))])
-        for each in (*edges, *(draw_signal(rng, TRAINING_SIGNALS) for _ in range(_SIGNALS)))
+    signals = [*edges, *(draw_signal(rng, TRAINING_SIGNALS) for _ in range(_SIGNALS))]
+    positions = [
+        *(replace(SENSOR_SETS[name], rotation=()) for name in TABLE_SETS if SENSOR_SETS[name].position),
+        *(draw_signal(rng, replace(TRAINING_SIGNALS, shares={"positions": 1.0})) for _ in range(_POSITIONS)),
     ]
+
+    def observed(sets: list[SensorSet]) -> list[tuple[SensorSet, Body]]:
+        return [(observed_set(each), BODIES[int(rng.integers(len(BODIES)))]) for each in sets]
+
     kinds: list[tuple[str, list[tuple[SensorSet, Body]], int | None]] = [
         ("usual", usual, None),
-        ("signals", signals, _FEW),
+        ("signals", observed(signals), _FEW),
+        ("positions", observed(positions), _FEW),
     ]
     for source, pairs, count in kinds:
         for sensors, body in pairs:
@@ -135,7 +143,7 @@ def _jobs(scenes: SampledScenes, rng: np.random.Generator) -> Iterator[_Job]:
 
 def _sample_batch(
     sensors: SensorSet, body: Body, batch: Sequence[TrackedScene], model: CompletionModel
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     seen = [scene.observe(sensors) for scene in batch]
     tracker = Tracker([person_of(body, scene.skeleton) for scene in batch], model)
     whole, places, state = stack_observations(seen), body_indices(), tracker.start()
@@ -159,12 +167,14 @@ def _sample_batch(
             if name in BODY:
                 turned[:, BODY.index(name)] = observation.has_rotation[frames, k]
         log = np.where(measured, LOG_TRACKED_ERROR, np.log(expected))
-        log_disagreement = np.where(measured, LOG_TRACKED_DISAGREEMENT, np.log(disagreement))[:, : len(BODY)]
+        rarity = np.where(measured, 1.0, disagreement)[:, len(BODY) :].max(axis=1)  # see `disagreement_map`
+        disagreement = disagreement[:, : len(BODY)] / rarity[:, None]
+        log_disagreement = np.where(measured[:, : len(BODY)], LOG_TRACKED_DISAGREEMENT, np.log(disagreement))
         inputs = np.concatenate([log, measured, turned, CERTAINTY_SCALE * deviation, log_disagreement], axis=1)
         error = np.linalg.norm(position - truth, axis=-1)
-        rows.append((inputs.astype(np.float32), error.astype(np.float32), ~measured))
-    inputs, error, untracked = (np.concatenate(column) for column in zip(*rows, strict=True))
-    return inputs, error, untracked
+        rows.append((inputs.astype(np.float32), error.astype(np.float32), ~measured, rarity))
+    inputs, error, untracked, rarity = (np.concatenate(column) for column in zip(*rows, strict=True))
+    return inputs, error, untracked, rarity
 
 
 def sampled_scenes(data: Path, limit: int | None, backward: bool, seed: int = 9) -> SampledScenes:

@@ -37,12 +37,14 @@ def fit_error_map(
 ) -> ErrorMap:
     """Fit the mean error, or a quantile of it, to samples, in `steps` optimiser steps.
 
+    The core multiplies bounds by the samples' `rarity`, so a quantile is that of the errors divided by it.
     Many samples are of training people, whose errors are smaller. The fit therefore reads `in_training` as one more
     input. It learns the distribution of errors from all people and their size from validation people. The returned map
     lacks this input: it assumes an unseen person.
     """
     inputs = torch.from_numpy(np.column_stack([samples.inputs, samples.in_training]).astype(np.float32))
-    error = torch.from_numpy(samples.error.astype(np.float32)).clamp(min=1e-4)
+    factor = np.ones(len(samples.error)) if quantile is None else samples.rarity
+    error = torch.from_numpy((samples.error / factor[:, None]).astype(np.float32)).clamp(min=1e-4)
     untracked = torch.from_numpy(samples.untracked.astype(np.float32))
     until = torch.from_numpy(np.cumsum(samples.weight))
     generator = torch.Generator().manual_seed(seed)
