@@ -132,7 +132,7 @@ def test_joints_interpolated_together_equal_each_alone() -> None:
 
 @given(st.integers(0, 10_000), st.integers(3, 56), st.booleans())
 def test_a_known_frame_between_two_gaps_tells_no_speed(seed: int, alone: int, guessing: bool) -> None:
-    """So each side is filled as it is without the other."""
+    """Each of both gaps is filled as if it were alone."""
     rotation, missing = swing(60, seed), np.ones(60, dtype=bool)
     missing[[0, 1, alone, 58, 59]] = False
     guess = swing(60, seed + 1) if guessing else None

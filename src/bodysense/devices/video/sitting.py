@@ -1,8 +1,8 @@
 """Sitting and standing before a camera: which of both, and the legs of either.
 
 Landmarks of a person who faces the camera are hardly deeper for raised thighs than for hanging ones, and webcams rarely
-see feet. So the posture is decided over time from several cues. Legs beyond the picture are none of them: landmarkers
-guess that they hang. Legs of sitting people lie on a seat of a likely height, which the knees in the picture or a known
+see feet. So the posture is decided over time from several cues. Legs beyond the picture do not count: landmarkers guess
+that they hang. Legs of sitting people lie on a seat of a likely height, which the knees in the picture or a known
 floor correct. Knees of standing people lose the bend that landmarks give straight legs.
 """
 

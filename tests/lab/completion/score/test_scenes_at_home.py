@@ -28,7 +28,7 @@ def standing() -> dict[str, RunningScores]:
 
 @pytest.mark.slow
 def test_people_who_turn_and_shuffle_step() -> None:
-    """Without the lift of feet that move, 5.4 % of the frames glide; without a stance, 43 % of the steps are missing."""
+    """Without the lift of feet that move, 5 % of frames glide; without a stance, 43 % of the steps are missing."""
     three = scored(("three_point",), STEPPING)["three_point"]
     print({name: three.get(name) for name in ("gliding_share", "missed_steps_share", "false_steps_per_minute")})
     assert three.get("gliding_share") < 0.01
