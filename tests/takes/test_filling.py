@@ -26,7 +26,7 @@ from bodysense.io.motion_files import write_motion
 from bodysense.io.rigs import figure
 from bodysense.sources.open import MotionSource, open_source
 from bodysense.sources.partial_motion import open_partial
-from bodysense.takes import take as takes
+from bodysense.takes import track as takes
 from bodysense.takes import two_way
 from bodysense.takes.filling import (
     KnownPoints,
