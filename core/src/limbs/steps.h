@@ -21,7 +21,7 @@ void begin_step(foot_state state[2]);
 
 static inline bool steps(const foot_state *s) { return s->step.span > 0.0F; }
 
-/* What a step does in a frame. */
+/* A step in one frame. */
 typedef struct foot_flight {
     float lift; /* m, height over the floor */
     bool moves; /* `slide` and `turn` follow the step; else the foot rises or lands, and stays where it is */
