@@ -49,6 +49,7 @@ static const struct tuned {
     {"FOOT_WALKS", 0.6, foot_walks},
     {"STANCE_TURNED", 0.2, stance_turned},
     {"STANCE_LOW", 0.85, stance_low},
+    {"STANCE_FADE", 0.3, stance_fade},
     {"STANCE_STANDS", 0.92, stance_stands},
     {"STEP_LEAST", 0.04, step_least},
     {"STEP_LEAST_SURE", 0.12, step_least_sure},

@@ -23,7 +23,7 @@ static stand flat_feet(float contact) {
     for (int k = 0; k < 2; k++) {
         const float x = k ? -0.1F : 0.1F;
         s.foot[k] = (foot){vec(x, 0.08F, 0), vec(x, 0.02F, 0.14F), vec(x, 0.02F, 0.2F), 0.08F, 0.02F, contact, contact,
-                           false, false, false, 0.0F};
+                           false, false, false, false, 0.0F};
     }
     s.body = (carrier){vec(0, 1.6F, 0), 1.0F, 0.0F, 0.0F};
     return s;
@@ -169,7 +169,7 @@ static double foot_turn_leak(const bs_model *m) {
 /* How high a foot is lifted (m) whose ball has moved at a speed (m/s) for long. */
 static float lifted_at(double speed) {
     foot_state s = {0};
-    for (int k = 0; k < 100; k++) lift_moving(&s, vec((float)speed * TICK * (float)k, 0, 0), TICK);
+    for (int k = 0; k < 100; k++) lift_moving(&s, vec((float)speed * TICK * (float)k, 0, 0), false, TICK);
     return s.lifted;
 }
 
@@ -182,7 +182,7 @@ static double half_of_lift(bool rises) {
     const float half = 0.5F * lifted_at(9);
     int frames = 0;
     for (; (s.lifted < half) == rises && frames < FOREVER; frames++)
-        lift_moving(&s, vec(rises ? 9.0F * TICK * (float)(frames + 1) : 0.0F, 0, 0), TICK);
+        lift_moving(&s, vec(rises ? 9.0F * TICK * (float)(frames + 1) : 0.0F, 0, 0), false, TICK);
     return (double)frames * (double)TICK;
 }
 

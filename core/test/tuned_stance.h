@@ -2,6 +2,8 @@
 #ifndef BODYSENSE_TUNED_STANCE_H
 #define BODYSENSE_TUNED_STANCE_H
 
+#include <string.h>
+
 #include "../src/body/stance.h"
 #include "measure.h"
 #include "tuned_limbs.h"
@@ -10,11 +12,13 @@
 static double legs_turned(const bs_model *model, double turn, double high) {
     static body b;
     static prediction p;
+    static pose_state s;
     tracked t = rest_of(model, &b);
     t.floor = t.position[HEAD].y - (float)high * standing_height(&t, HEAD);
     for (int j = 0; j < BODY_JOINTS; j++) p.rotation[j] = identity();
     p.rotation[PELVIS] = turned_by(identity(), scale(UP, (float)turn));
-    turn_stance(&t, &p);
+    memset(&s, 0, sizeof s);
+    turn_stance(&t, &s, &p);
     return (double)turn_between(identity(), p.rotation[LEFT_KNEE]).y;
 }
 
@@ -23,6 +27,22 @@ static double stance_low(const bs_model *m) { LEAST(0.2, 2, legs_turned(m, -1, a
 static double stance_stands(const bs_model *m) {
     const double whole = legs_turned(m, 1, 1);
     LEAST(0.2, 2, legs_turned(m, 1, at) > 0.999 * whole);
+}
+
+/* Seconds in which half of the turn fades of legs that begin to be measured. */
+static double stance_fade(const bs_model *model) {
+    static body b;
+    static prediction p;
+    static pose_state s;
+    tracked t = rest_of(model, &b);
+    int frames = 0;
+    memset(&s, 0, sizeof s);
+    s.begun = 1;
+    s.stance = 1.0F;
+    t.has_rotation[LEFT_KNEE] = true;
+    for (int j = 0; j < BODY_JOINTS; j++) p.rotation[j] = identity();
+    for (; s.stance > 0.5F && frames < FOREVER; frames++) turn_stance(&t, &s, &p);
+    return (double)frames * (double)TICK;
 }
 
 #endif

@@ -18,7 +18,7 @@ from bodysense.io.markers.formats.c3d import write_c3d
 from bodysense.io.markers.raw_markers import points_alone
 from bodysense.io.resample import resample
 from bodysense.observing.observation import Observation
-from bodysense.takes import take as takes
+from bodysense.takes import track as takes
 from bodysense.takes.thinning import RATE, at_all_frames, kept_frames
 from bodysense.takes.track import track
 from bodysense.tracking.estimate import Estimate

@@ -93,6 +93,7 @@ typedef struct pose_state {
     uint8_t sensors_changed;       /* in the frame before, a sensor that decides about the whole body came or went */
     ease turn[BODY_JOINTS];        /* rad, world */
     balance_state balance;
+    float stance;                  /* share by which predicted legs turn with the pelvis; 0 while legs are measured */
     ease head, pelvis;             /* m, world */
     vec3 head_speed;               /* m/s */
     vec3 course;                   /* unit, horizontal: where a head faces or goes; zero before it is known */

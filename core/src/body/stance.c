@@ -18,8 +18,11 @@ static bool leg_measured(const tracked *t) {
     return false;
 }
 
-void turn_stance(const tracked *t, prediction *p) {
-    if (!t->has_position[HEAD] || leg_measured(t)) return;
+void turn_stance(const tracked *t, pose_state *s, prediction *p) {
+    float predicted = t->has_position[HEAD] && !leg_measured(t) ? 1.0F : 0.0F;
+    float share = s->begun ? 1.0F - power_of_two(-t->interval / STANCE_FADE) : 1.0F;
+    s->stance += share * (predicted - s->stance);
+    if (!t->has_position[HEAD] || s->stance == 0.0F) return;
     float high = (t->position[HEAD].y - t->floor) / standing_height(t, HEAD);
     float stands = clamp((high - STANCE_LOW) / (STANCE_STANDS - STANCE_LOW), 0.0F, 1.0F);
     vec3 feet = vec(0, 0, 0);
@@ -28,7 +31,7 @@ void turn_stance(const tracked *t, prediction *p) {
     heading_of(known_rotation(t, PELVIS) ? t->rotation[PELVIS] : p->rotation[PELVIS], &cosine, &sine);
     vec3 ahead = into_heading(feet, cosine, sine);
     float behind = angle_of(ahead.x, ahead.z);
-    float turn = -stands * (behind - clamp(behind, -STANCE_TURNED, STANCE_TURNED));
+    float turn = -s->stance * stands * (behind - clamp(behind, -STANCE_TURNED, STANCE_TURNED));
     if (turn == 0.0F) return;
     for (int k = 0; k < 2; k++)
         for (int j = 0; j < 4; j++) p->rotation[LEG[k][j]] = turned_by(p->rotation[LEG[k][j]], scale(UP, turn));

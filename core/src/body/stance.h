@@ -2,12 +2,12 @@
 #ifndef BODYSENSE_STANCE_H
 #define BODYSENSE_STANCE_H
 
-#include "../base/internal.h"
+#include "pose_state.h"
 
 /* Turn predicted legs along with the pelvis of a body that stands, beyond what hips and knees turn.
  *
  * While people turn on the spot, the network predicts a mean of both feet, which stay behind the pelvis by up to 70°.
- * Legs are turned about the vertical through their hips. Nothing is turned if a point of a leg is measured. */
-void turn_stance(const tracked *t, prediction *p);
+ * Legs are turned about the vertical through their hips. The turn fades while a point of a leg is measured. */
+void turn_stance(const tracked *t, pose_state *s, prediction *p);
 
 #endif

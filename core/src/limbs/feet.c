@@ -118,7 +118,7 @@ void hold_feet(const foot foot[2], carrier body, float floor, float interval, fl
         float lowest = fminf(fminf(f->ankle.y, f->ball.y), f->toe.y) - s->drop - floor;
         if (lowest < 0.0F) move[k].shift.y += fminf(-lowest, 2.0F * FOOT_REACH); /* never under the floor */
         vec3 ball = add(turned_ball(f, s->turn), s->slide);
-        float lift = fmaxf(flight.lift, calm * lift_moving(s, ball, interval));
+        float lift = fmaxf(flight.lift, calm * lift_moving(s, ball, f->driven, interval));
         move[k].shift.y += fmaxf(lift - fmaxf(height_over(f, floor, 0.0F) - s->drop, 0.0F), 0.0F);
     }
     begin_step(state);

@@ -127,7 +127,8 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
     for (int k = 0; k < 2; k++) {
         const limb_joints *j = &LIMB[LEFT_LEG + k];
         ease_limb(&task[k], t, settings, LEFT_LEG + k, changed[LEFT_LEG + k], c, sine, s->begun, &s->limb[LEFT_LEG + k]);
-        if (easing(&s->limb[LEFT_LEG + k].end) || easing(&s->limb[LEFT_LEG + k].middle))
+        bool eases = easing(&s->limb[LEFT_LEG + k].end) || easing(&s->limb[LEFT_LEG + k].middle);
+        if (eases)
             keep_forward(&task[k], t, LEFT_LEG + k, b->rotation[j->start]);
         two_bones to = free[k] = solve_limb(&task[k]);
         int ball = LEFT_FOOT + k, toe = LEFT_TOE + k;
@@ -142,6 +143,7 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         f->ball_contact = p->contact[2 + k];
         f->seen = t->has_position[j->end] || t->has_position[ball] || t->has_position[toe];
         f->turned = known_rotation(t, j->end);
+        f->driven = task[k].middle_seen || task[k].start_turned || task[k].middle_turned || eases;
         f->met = t->has_position[j->end] && !easing(&s->limb[LEFT_LEG + k].end);
         float knee = b->point[j->start].y + to.middle.y - t->floor;
         f->kneels = fminf(fmaxf((KNEE_UP - knee) / (KNEE_UP - KNEE_DOWN), 0.0F), 1.0F);

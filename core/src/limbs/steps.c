@@ -62,9 +62,9 @@ foot_flight advance_step(foot_state *s, float interval) {
     return flight;
 }
 
-float lift_moving(foot_state *s, vec3 ball, float interval) {
+float lift_moving(foot_state *s, vec3 ball, bool driven, float interval) {
     vec3 moved = sub(ball, s->ball);
-    float speed = s->shown ? length(vec(moved.x, 0.0F, moved.z)) / interval : 0.0F;
+    float speed = s->shown && !driven ? length(vec(moved.x, 0.0F, moved.z)) / interval : 0.0F;
     float lifted = FOOT_LIFT * clamp(speed / FOOT_MOVES - 1.0F, 0.0F, 1.0F);
     float half_life = lifted > s->lifted ? FOOT_RISE : FOOT_LAND;
     s->lifted += (lifted - s->lifted) * (1.0F - power_of_two(-interval / half_life));

@@ -30,7 +30,8 @@ typedef struct foot_flight {
 /* Advance a step by a frame. */
 foot_flight advance_step(foot_state *s, float interval);
 
-/* How high (m) a foot is lifted because its ball, which comes to `ball`, moves along the floor. */
-float lift_moving(foot_state *s, vec3 ball, float interval);
+/* How high (m) a foot is lifted because its ball, which comes to `ball`, moves along the floor. `driven`: measured bones move
+ * it, and it is not lifted. */
+float lift_moving(foot_state *s, vec3 ball, bool driven, float interval);
 
 #endif

@@ -84,7 +84,7 @@ void pose_body(const bs_settings *settings, const tracked *t, prediction *p, pos
     float interval = t->interval;
     fit_prediction(t, s, p);
     balance_prediction(t, s, p);
-    turn_stance(t, p);
+    turn_stance(t, s, p);
     decay_offsets(t, s, p);
     find_changes(t, s, changed);
     rotation_goals(t, p, goal);

@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bodysense.body.skeleton import default_skeleton
+from bodysense.devices.video import posture_constants
 from bodysense.io.formats import protocol
 from bodysense.io.formats.protocol import (
     PoseFrame,
@@ -195,5 +196,5 @@ def test_the_types_of_the_page_are_up_to_date() -> None:
         pytest.skip("no sources of the page here")
     assert script.PLACE.read_text(encoding="utf-8") == script.text(), "run scripts/make_protocol_types.py"
     assert script.CONSTANTS.read_text(encoding="utf-8") == script.constants_text(), "run scripts/make_protocol_types.py"
-    assert "export const SEATED = 0.4;" in script.constants_text()
+    assert f"export const SEATED = {posture_constants.SEATED};" in script.constants_text()
     assert f"SIGNAL_HEAD_BYTES = {protocol.SIGNAL_HEAD.size};" in script.text()
