@@ -13,7 +13,8 @@ import pytest
 from onnx import TensorProto, helper
 
 from bodysense.errors import BodysenseError
-from bodysense.weights.network import Network, NetworkFormat
+from bodysense.weights.formats import NetworkFormat
+from bodysense.weights.network import Network
 
 FORMAT = NetworkFormat("bodysense sums 1", "network of sums", "bodysense train sums", ("state", "rate"))
 STATE = {"sum": {"shape": [2, 3], "start": list(range(6))}, "seen": {"shape": [], "start": None}}

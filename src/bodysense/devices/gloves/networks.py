@@ -13,7 +13,8 @@ import numpy as np
 from bodysense.body.hands.glove import Glove, default_glove, hand_size, template
 from bodysense.body.hands.hand import hand_skeleton
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.weights.network import Network, NetworkFormat
+from bodysense.weights.formats import NetworkFormat
+from bodysense.weights.network import Network
 
 MARKER_FORMAT = "bodysense glove markers 2"
 JOINT_FORMAT = "bodysense glove joints 2"

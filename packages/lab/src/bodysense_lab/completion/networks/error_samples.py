@@ -105,8 +105,8 @@ def sample_errors(scenes: SampledScenes, model: CompletionModel, seed: int = 5) 
         np.full(len(part[0]), SHARES[job.source] / present / counts[job.source])
         for job, part in zip(jobs, parts, strict=True)
     ]
-    columns = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return ErrorSamples(*columns, np.concatenate(weight))
+    inputs, error, untracked, rarity, in_training = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return ErrorSamples(inputs, error, untracked, rarity, in_training, np.concatenate(weight))
 
 
 def _jobs(scenes: SampledScenes, rng: np.random.Generator) -> Iterator[_Job]:
