@@ -222,8 +222,6 @@
 
 /* ---- stance ------------------------------------------------------------------------------------------------------ */
 
-#define STANCE_LOW 0.85F       /* of a standing head's height: feet of people with lower heads point anywhere */
-#define STANCE_STANDS 0.92F    /* of it: with higher heads they stand */
 #define STANCE_FADE 0.3F       /* s in which half of the turn fades when legs are measured. 0: shins jump when they are found */
 #define STANCE_TURNED 0.2F     /* rad; so far the feet may be turned from the pelvis. Half of recorded feet are within 0.1,
                                   nine of ten within 0.35 */

@@ -8,13 +8,12 @@
 #include "measure.h"
 #include "tuned_limbs.h"
 
-/* By how much the legs are turned (rad) of a body whose head is `high`, of its standing height, if its pelvis turns. */
-static double legs_turned(const bs_model *model, double turn, double high) {
+/* By how much the legs of a standing body are turned (rad) whose pelvis turns. */
+static double legs_turned(const bs_model *model, double turn) {
     static body b;
     static prediction p;
     static pose_state s;
-    tracked t = rest_of(model, &b);
-    t.floor = t.position[HEAD].y - (float)high * standing_height(&t, HEAD);
+    const tracked t = rest_of(model, &b);
     for (int j = 0; j < BODY_JOINTS; j++) p.rotation[j] = identity();
     p.rotation[PELVIS] = turned_by(identity(), scale(UP, (float)turn));
     memset(&s, 0, sizeof s);
@@ -22,12 +21,7 @@ static double legs_turned(const bs_model *model, double turn, double high) {
     return (double)turn_between(identity(), p.rotation[LEFT_KNEE]).y;
 }
 
-static double stance_turned(const bs_model *m) { LEAST(0, 3, legs_turned(m, at, 1) > 1e-4); }
-static double stance_low(const bs_model *m) { LEAST(0.2, 2, legs_turned(m, -1, at) < -1e-4); }
-static double stance_stands(const bs_model *m) {
-    const double whole = legs_turned(m, 1, 1);
-    LEAST(0.2, 2, legs_turned(m, 1, at) > 0.999 * whole);
-}
+static double stance_turned(const bs_model *m) { LEAST(0, 3, legs_turned(m, at) > 1e-4); }
 
 /* Seconds in which half of the turn fades of legs that begin to be measured. */
 static double stance_fade(const bs_model *model) {

@@ -24,7 +24,7 @@ void turn_stance(const tracked *t, pose_state *s, prediction *p) {
     s->stance += share * (predicted - s->stance);
     if (!t->has_position[HEAD] || s->stance == 0.0F) return;
     float high = (t->position[HEAD].y - t->floor) / standing_height(t, HEAD);
-    float stands = clamp((high - STANCE_LOW) / (STANCE_STANDS - STANCE_LOW), 0.0F, 1.0F);
+    float stands = clamp((high - BALANCE_LOW) / (BALANCE_STANDS - BALANCE_LOW), 0.0F, 1.0F);
     vec3 feet = vec(0, 0, 0);
     float cosine, sine;
     for (int k = 0; k < 2; k++) feet = add(feet, rotate(p->rotation[LEFT_ANKLE + k], t->rest_offset[LEFT_FOOT + k]));

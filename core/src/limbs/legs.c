@@ -128,8 +128,7 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         const limb_joints *j = &LIMB[LEFT_LEG + k];
         ease_limb(&task[k], t, settings, LEFT_LEG + k, changed[LEFT_LEG + k], c, sine, s->begun, &s->limb[LEFT_LEG + k]);
         bool eases = easing(&s->limb[LEFT_LEG + k].end) || easing(&s->limb[LEFT_LEG + k].middle);
-        if (eases)
-            keep_forward(&task[k], t, LEFT_LEG + k, b->rotation[j->start]);
+        if (eases) keep_forward(&task[k], t, LEFT_LEG + k, b->rotation[j->start]);
         two_bones to = free[k] = solve_limb(&task[k]);
         int ball = LEFT_FOOT + k, toe = LEFT_TOE + k;
         foot *f = &feet[k];
@@ -152,7 +151,8 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
     if (settings->hold_feet) {
         foot_move moved[2];
         float speed = length(vec(s->head_speed.x, 0, s->head_speed.z));
-        hold_feet(feet, (carrier){b->point[HEAD], c, sine, speed}, t->floor, t->interval, uprightness(b, t, s), s->foot, moved);
+        const carrier carried = {b->point[HEAD], c, sine, speed};
+        hold_feet(feet, carried, t->floor, t->interval, uprightness(b, t, s), s->foot, moved);
         for (int k = 0; k < 2; k++) {
             move[k] = moved[k].shift;
             turn_foot(b, t, LEFT_ANKLE + k, LEFT_FOOT + k, moved[k].turn);

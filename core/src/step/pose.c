@@ -1,8 +1,8 @@
 /* From what the network predicts to a body that meets what is measured and moves without jumps.
  *
- *     predicted body fitted to measured points → balanced over its feet, which point ahead → rotations: measured, implied or predicted →
- *     eased where sensors came or went → the body hung on its head → spine bent to the pelvis → legs, feet held and on
- *     the floor → arms → places
+ *     predicted body fitted to measured points → balanced over its feet → legs turned along with its pelvis → rotations:
+ *     measured, implied or predicted → eased where sensors came or went → the body hung on its head → spine bent to the
+ *     pelvis → legs, feet held and on the floor → arms → places
  */
 #include "pose.h"
 
