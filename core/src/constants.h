@@ -222,7 +222,7 @@
 
 /* ---- stance ------------------------------------------------------------------------------------------------------ */
 
-#define STANCE_FADE 0.3F       /* s in which half of the turn fades when legs are measured. 0: shins jump when they are found */
+#define STANCE_FADE 0.3F       /* s in which half of the turn fades when legs are measured, so that they do not jump */
 #define STANCE_TURNED 0.2F     /* rad; so far the feet may be turned from the pelvis. Half of recorded feet are within 0.1,
                                   nine of ten within 0.35 */
 
