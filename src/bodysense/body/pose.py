@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -68,16 +69,29 @@ def forward_kinematics(pose: Pose, rest_offset: Array | None = None) -> tuple[Ar
 
 
 def _kinematics_of_frames(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
-    """Return positions (..., P, 3) and rotations (..., J, 4) of frames; each is independent of the other frames."""
-    skeleton, shape = pose.skeleton, pose.rotation.shape[:-2]
-    joints, points = len(skeleton.joints), len(skeleton.points)
-    rotation = np.ascontiguousarray(pose.rotation)
-    root = np.ascontiguousarray(np.broadcast_to(pose.root_position, (*shape, 3)), np.float64)
-    if rotation.shape != (*shape, joints, 4):
-        raise ValueError(f"rotations {rotation.shape} are not those of {joints} joints")
+    skeleton = pose.skeleton
+    return tree_kinematics(skeleton.parents, skeleton.rest_offset, pose.root_position, pose.rotation)
+
+
+def tree_kinematics(
+    parents: Sequence[int], offset: np.ndarray, root: np.ndarray, rotation: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions (..., P, 3) and rotations (..., J, 4) of frames of any tree; each is independent of the others.
+
+    Args:
+        parents: of the P points, joints before end sites and parents before children; the first point is the root.
+        offset: (P, 3) from the parent; the root's is not used.
+        root: (..., 3) positions of the root.
+        rotation: (..., J, 4) wxyz, parent ← joint.
+    """
+    points, (*shape, joints, _) = len(parents), rotation.shape
+    if rotation.shape != (*shape, joints, 4) or joints > points or offset.shape != (points, 3):
+        raise ValueError(f"rotations {rotation.shape} and offsets {offset.shape} are not those of {points} points")
+    rotation, offset = np.ascontiguousarray(rotation, np.float64), np.ascontiguousarray(offset, np.float64)
+    root = np.ascontiguousarray(np.broadcast_to(root, (*shape, 3)), np.float64)
     position, world = np.empty((*shape, points, 3)), np.empty((*shape, joints, 4))
-    parents = np.array(skeleton.parents, np.int32)
-    tree = _Tree(joints, points, parents.ctypes.data, skeleton.rest_offset.ctypes.data)
+    above = np.array(parents, np.int32)
+    tree = _Tree(joints, points, above.ctypes.data, offset.ctypes.data)
     arrays = (values.ctypes.data for values in (root, rotation, position, world))
     _core().bs_place_frames(ctypes.byref(tree), root.size // 3, *arrays)
     return position, world

@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from bodysense.geometry.rotation import (
+    cross,
     normalize,
     quaternion_canonical,
     quaternion_conjugate,
@@ -54,7 +55,9 @@ class Trust:
 
 def runs(present: np.ndarray) -> list[tuple[int, int]]:
     """Return the runs of true values in a mask (T,): first frame of each, and the frame after its last."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], present, [False]]).astype(np.int8)))
+    padded = np.zeros(len(present) + 2, dtype=bool)
+    padded[1:-1] = present
+    edges = np.flatnonzero(padded[1:] != padded[:-1])
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
@@ -195,8 +198,8 @@ def _displacement(
 
 def _rate_at(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """Return the rate of a rotation vector (3,) for an angular velocity (3,) in the rotated axes."""
-    across = np.cross(turn, speed)
-    return speed + across / 2 + np.cross(turn, across) / 12
+    across = cross(turn, speed)
+    return speed + across / 2 + cross(turn, across) / 12
 
 
 def coasting_weight(share: np.ndarray) -> np.ndarray:

@@ -21,6 +21,7 @@ from bodysense.files import load_library
 
 Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor
 
+_FLOAT64 = np.dtype(np.float64)
 _AXES = {"X": 0, "Y": 1, "Z": 2}
 # Numbers in a row of each argument, and of the result.
 _WIDTHS = {
@@ -309,33 +310,40 @@ class _StridedRows(ctypes.Structure):
 
 def are_numbers_of_numpy(*arrays: object) -> bool:
     """Whether all arrays are NumPy's, of float64: those that the compiled core computes."""
-    return all(type(one) is np.ndarray and one.dtype == np.float64 for one in arrays)
+    for one in arrays:
+        if type(one) is not np.ndarray or not (one.dtype is _FLOAT64 or one.dtype == _FLOAT64):
+            return False
+    return True
 
 
 def on_rows(name: str, *arrays: np.ndarray) -> np.ndarray:
     """Return what a function of the core gives for each row of arrays (..., n), whose leading axes broadcast."""
     function, widths, width = _function(name)
-    if tuple(one.shape[-1] for one in arrays) != widths:
-        raise ValueError(f"rows of {[one.shape[-1] for one in arrays]} numbers; {name} takes {list(widths)}")
-    shape = arrays[0].shape[:-1]
-    for one in arrays[1:]:
+    shape = shapes = arrays[0].shape[:-1]
+    for one, wanted in zip(arrays, widths, strict=True):
+        if one.shape[-1] != wanted:
+            raise ValueError(f"rows of {[one.shape[-1] for one in arrays]} numbers; {name} takes {list(widths)}")
         if one.shape[:-1] != shape:
-            shape = np.broadcast(*(one[..., 0] for one in arrays)).shape
-            break
+            shapes = None
+    if shapes is None:
+        shape = np.broadcast(*(one[..., 0] for one in arrays)).shape
     whole = [_rows(one, shape) for one in arrays]  # refers to the memory until the call is done
     result = np.empty((*shape, width))
-    function(result.size // width, *(rows for rows, _ in whole), _address(result))
+    function(result.size // width, *[rows for rows, _ in whole], _address(result))
     return result
 
 
 def _rows(values: np.ndarray, shape: tuple[int, ...]) -> tuple[_StridedRows, np.ndarray]:
     """Return the rows of an array, broadcast to leading axes, and the array that owns them."""
-    width = values.shape[-1]
-    if values.dtype != np.float64 or values.strides[-1] != values.itemsize:
+    width, is_double = values.shape[-1], values.dtype is _FLOAT64 or values.dtype == _FLOAT64
+    is_whole = values.shape[:-1] == shape
+    if is_double and is_whole and values.flags.c_contiguous:
+        return _StridedRows(_address(values), width), values
+    if not is_double or values.strides[-1] != values.itemsize:
         values = np.ascontiguousarray(values, np.float64)
-    if values.size == width and values.shape[:-1] != shape:
+    if values.size == width and not is_whole:
         return _StridedRows(_address(values), 0), values
-    if values.shape[:-1] != shape:
+    if not is_whole:
         every = np.empty((*shape, width))
         every[...] = values
         values = every
@@ -350,8 +358,8 @@ def _address(values: np.ndarray) -> int:
     """Return the address of an array's numbers. `values.ctypes` takes four times as long, so it is the last resort."""
     flags = values.flags
     if flags.c_contiguous and flags.writeable and values.size:
-        return ctypes.addressof(ctypes.c_char.from_buffer(values.data))
-    return values.ctypes.data
+        return ctypes.addressof(ctypes.c_char.from_buffer(values))
+    return values.__array_interface__["data"][0]
 
 
 @lru_cache(maxsize=len(_WIDTHS))

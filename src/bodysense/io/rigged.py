@@ -284,8 +284,8 @@ def _canonical_clip(figure: Figure, rig: Rig, by_table: bool, must_stand: bool) 
     turns, count = not stretches or figure.turns, len(figure)
     is_long = count > LONG and turns
     source, place = clip_in(np.unique(np.linspace(0, count - 1, LONG).astype(int)) if is_long else slice(None))
-    form = CanonicalForm.of(source, joints, place, turns, must_stand, lacking)
-    clip = replace(form.apply(source, place), name=Path(figure.name).stem)
+    form, clip = CanonicalForm.of(source, joints, place, turns, must_stand, lacking)
+    clip = replace(clip, name=Path(figure.name).stem)
     if not is_long:
         return clip
     root, rotation = np.empty((count, 3)), np.empty((count, len(form.skeleton.joints), 4))

@@ -127,12 +127,15 @@ def keep_tracked_rotations(skeleton: Skeleton, rotation: Array, world: Array, tu
         while joint >= 0 and joint not in above:
             above.add(joint)
             joint = skeleton.parents[joint]
-    for joint in sorted(above):
-        parent, kept = skeleton.parents[joint], turned[:, [joint]]
-        if parent < 0:
-            rotation[:, joint] = placed[:, joint] = np.where(kept, world[:, joint], rotation[:, joint])
+    for level, _ in skeleton.levels:
+        joints = [joint for joint in level.tolist() if joint in above]
+        if not joints:
             continue
-        own = quaternion_multiply(quaternion_conjugate(placed[:, parent]), world[:, joint])
-        rotation[:, joint] = np.where(kept, own, rotation[:, joint])
-        placed[:, joint] = quaternion_multiply(placed[:, parent], rotation[:, joint])
+        parents, kept, own = [skeleton.parents[joint] for joint in joints], turned[:, joints, None], world[:, joints]
+        if parents == [-1]:
+            rotation[:, joints] = placed[:, joints] = np.where(kept, own, rotation[:, joints])
+            continue
+        own = quaternion_multiply(quaternion_conjugate(placed[:, parents]), own)
+        local = rotation[:, joints] = np.where(kept, own, rotation[:, joints])
+        placed[:, joints] = quaternion_multiply(placed[:, parents], local)
     return rotation

@@ -70,7 +70,7 @@ def canonical(
 
     Raises BodysenseError if joints are unknown or have no pelvis.
     """
-    return CanonicalForm.of(clip, joints, place, turns, must_stand, ()).apply(clip, place)
+    return CanonicalForm.of(clip, joints, place, turns, must_stand, ())[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +95,8 @@ class CanonicalForm:
         turns: bool,
         must_stand: bool,
         lacking: Collection[str],
-    ) -> CanonicalForm:
-        """Return the form of a clip; arguments as of `canonical`.
+    ) -> tuple[CanonicalForm, Clip]:
+        """Return the form of a clip, and the clip in it; arguments as of `canonical`.
 
         `lacking` are our end sites that the clip lacks; others are those that hang on the joint.
         """
@@ -124,12 +124,15 @@ class CanonicalForm:
         pose = form.pose(position if place is None else place, rotation)
         made_up = [name for name in ours.joints if is_finger(name) and name not in match]
         relaxed, has_fingers = relaxed_fingers(pose, made_up)
-        return replace(form, fingers=relaxed, has_fingers=has_fingers)
+        form = replace(form, fingers=relaxed, has_fingers=has_fingers)
+        return form, form._with_pose(clip, pose)
 
     def apply(self, clip: Clip, place: np.ndarray | None = None) -> Clip:
         """Return frames of the source on our skeleton; `place` (T, P, 3) m as of `canonical`."""
         position, rotation = forward_kinematics(clip.pose)
-        pose = self.pose(position if place is None else place, rotation)
+        return self._with_pose(clip, self.pose(position if place is None else place, rotation))
+
+    def _with_pose(self, clip: Clip, pose: Pose) -> Clip:
         for joint in self.fingers:
             pose.rotation[:, pose.skeleton.index(joint)] = relaxed_rotation(joint)
         lacks = parts_lacking([name for name in self.match if name in self.skeleton.joints])
@@ -156,10 +159,9 @@ class CanonicalForm:
 
 def _turned(align: Vectors, rest: Vectors, rotation: np.ndarray, match: Mapping[str, int]) -> Vectors:
     """Return world rotations (T, 4) of joints with some alignments, from those of the source (T, J, 4)."""
-    return {
-        name: quaternion_multiply(rotation[:, match[name]], quaternion_conjugate(quaternion_multiply(turn, rest[name])))
-        for name, turn in align.items()
-    }
+    at_rest = quaternion_multiply(np.stack(list(align.values())), np.stack([rest[name] for name in align]))
+    turned = quaternion_multiply(rotation[:, [match[name] for name in align]], quaternion_conjugate(at_rest))
+    return {name: turned[:, place] for place, name in enumerate(align)}
 
 
 def _aligned(

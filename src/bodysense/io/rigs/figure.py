@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from bodysense.body.pose import tree_kinematics
 from bodysense.body.skeleton import chain_to_root
 from bodysense.geometry.rotation import quaternion_multiply, quaternion_rotate
 from bodysense.io.rigs.names import is_end, is_helper, parts
@@ -183,6 +184,12 @@ class Figure:
             places, turns = zip(*parts, strict=True)
             return np.concatenate(places), np.concatenate(turns)
         wanted = list(range(len(self.parents))) if points is None else points
+        count = len(self.joints)
+        if not self.position.keys() - {0}:
+            root = self.position.get(0, self.offset[0])
+            at, turned = tree_kinematics(self.parents, self.offset, root, self.rotation)
+            carried = [k if k < count else self.parents[k] for k in wanted]
+            return at[:, wanted], turned[:, carried]
         place: dict[int, np.ndarray] = {}
         turn: dict[int, np.ndarray] = {}
         for k in sorted({above for point in points for above in self.above(point)}) if points else wanted:
@@ -191,7 +198,7 @@ class Figure:
                 place[k], turn[k] = at, self.rotation[:, k]
                 continue
             place[k] = place[parent] + quaternion_rotate(turn[parent], at)
-            turn[k] = quaternion_multiply(turn[parent], self.rotation[:, k]) if k < len(self.joints) else turn[parent]
+            turn[k] = quaternion_multiply(turn[parent], self.rotation[:, k]) if k < count else turn[parent]
         return np.stack([place[k] for k in wanted], 1), np.stack([turn[k] for k in wanted], 1)
 
 

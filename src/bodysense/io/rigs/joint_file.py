@@ -15,6 +15,7 @@ import numpy as np
 from bodysense.errors import BodysenseError
 from bodysense.geometry.gaps import runs
 from bodysense.geometry.rotation import euler_to_quaternion, quaternion_canonical, quaternion_to_euler, swing_twist
+from bodysense.io.rigs.figure import LONG
 from bodysense.observing.world_axes import UpAxis
 
 _BLOCK = 256  # frames converted at once
@@ -118,11 +119,17 @@ class JointFile(ABC):
     @cached_property
     def rotation(self) -> np.ndarray:
         """(T, J, 4) local rotations of the mended file."""
-        return self.rotation_in(slice(None))
+        return self._converted(slice(None), range(len(self.joints)))
 
     def rotation_in(self, frames: slice | np.ndarray, joints: Sequence[int] | None = None) -> np.ndarray:
         """Return the local rotations (N, J, 4) of the mended file in some frames, of all joints or the given ones."""
-        values, chosen = self.mended.values[frames], range(len(self.joints)) if joints is None else joints
+        chosen = range(len(self.joints)) if joints is None else joints
+        if len(self.values) <= LONG:
+            return np.array(self.rotation[frames][:, list(chosen)])
+        return self._converted(frames, chosen)
+
+    def _converted(self, frames: slice | np.ndarray, chosen: Sequence[int]) -> np.ndarray:
+        values = self.mended.values[frames]
         rotation = np.zeros((len(values), len(chosen), 4))
         rotation[..., 0] = 1
         for order in {self.order[joint] for joint in chosen} - {""}:

@@ -10,7 +10,7 @@ import re
 import tomllib
 import unicodedata
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
@@ -170,13 +170,18 @@ class _Name:
         return self.word == _CARRIER, len(self.means) > 1, _RANK[self.word], rank
 
 
-def joints_of(names: Sequence[str]) -> dict[str, str]:
+def joints_of(names: Iterable[str]) -> dict[str, str]:
     """Return which of our joints the given ones are: {given name: ours}. Ends of limbs and head are our end sites.
 
     A name counts if all of its words are known, or are a common prefix (Bip01, b_). Joints that we lack (twist bones,
     eyes, more of the spine) and fingers of one joint are skipped. Of the spine of a whole body the first joint, the
     middle and the last are ours.
     """
+    return dict(_joints_of(tuple(names)))
+
+
+@lru_cache(maxsize=64)
+def _joints_of(names: tuple[str, ...]) -> dict[str, str]:
     read = _read(names)
     fingers = {name: finger for name in read if (finger := _finger_of(name, read))}
     found: dict[str, str] = {}

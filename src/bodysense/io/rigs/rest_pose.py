@@ -179,6 +179,7 @@ def alignment(place: Vectors, parents: Mapping[str, str], *, exactly: bool = Fal
         still = np.broadcast_to([1.0, 0.0, 0.0, 0.0], (*place[name].shape[:-1], 4))
         turn = align[name] = align[parents[name]] if name in parents else still
         children = [child for child, parent in parents.items() if parent == name]
+        tolerance = LIMB_TOLERANCE if any(limb in name for limb in _LIMBS) else OTHER_TOLERANCE
         pairs = _two_directions(name, children, place)
         if pairs and (found := _frame(*(place[b] - place[a] for a, b in pairs))) is not None:
             wanted = _frame(*(default[b] - default[a] for a, b in pairs))
@@ -187,10 +188,12 @@ def alignment(place: Vectors, parents: Mapping[str, str], *, exactly: bool = Fal
         elif len(children) == 1:
             bone = quaternion_rotate(turn, place[children[0]] - place[name])
             wanted = np.broadcast_to(default[children[0]] - default[name], bone.shape)
-            aligned, off = quaternion_multiply(shortest_arc(bone, wanted), turn), angle_between(bone, wanted)
+            off = angle_between(bone, wanted)
+            if not exactly and not (off > tolerance).any():
+                continue
+            aligned = quaternion_multiply(shortest_arc(bone, wanted), turn)
         else:
             continue
-        tolerance = LIMB_TOLERANCE if any(limb in name for limb in _LIMBS) else OTHER_TOLERANCE
         align[name] = aligned if exactly else np.where((off > tolerance)[..., None], aligned, turn)
     return align
 

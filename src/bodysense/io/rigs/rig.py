@@ -23,7 +23,7 @@ from bodysense.geometry.rotation import quaternion_conjugate, quaternion_multipl
 from bodysense.io.clip import parts_lacking
 from bodysense.io.reading_options import AS_FOUND, ReadingOptions
 from bodysense.io.rigs.body import WORST
-from bodysense.io.rigs.figure import Figure, measured, usual_length
+from bodysense.io.rigs.figure import Figure, Tree, measured, usual_length
 from bodysense.io.rigs.halves import find_body
 from bodysense.io.rigs.names import ARMS, LEGS, family_of
 from bodysense.observing.world import HABIT, REST_POSE, clearance_of, doubts, judged_up, moments, told_warning
@@ -161,7 +161,7 @@ def recognise(figure: Figure, options: ReadingOptions = AS_FOUND, format_up: UpA
     else:
         unit_name, unit = _UNIT_NAMES.get(str(options.unit), f"units of {options.metres:g} m"), options.metres
     if format_up is None:
-        up, upright, warnings = _upward(figure, points, size, options.up)
+        up, upright, warnings = _upward(tree, points, size, options.up)
     else:
         up, upright, warnings = format_up, 1.0, []
     sole = _find_floor(place, size, up) * unit
@@ -271,13 +271,13 @@ def _find_unit(height: float, is_cmu: bool) -> tuple[str, float]:
 
 
 def _upward(
-    figure: Figure, points: Mapping[str, int], size: float, told: UpAxis | None
+    tree: Tree, points: Mapping[str, int], size: float, told: UpAxis | None
 ) -> tuple[UpAxis, float, list[str]]:
     """Return the upward axis, the mean cosine between the body and it, and warnings.
 
     Raises BodysenseError if no axis is likely, and for a told axis that the motion contradicts.
     """
-    metres = USUAL_HEIGHT / size
+    figure, metres = tree.figure, USUAL_HEIGHT / size
     points = {name: point for name, point in points.items() if name in BODY or name.endswith(("_toe", "_top"))}
     names = list(points)
     first, later, moment = moments(len(figure), figure.frame_rate)
@@ -287,7 +287,7 @@ def _upward(
         body = _middle(by_name, "shoulder") - _middle(by_name, "ankle")
     else:  # what it stands on is not in the file
         body, place, after = _trunk(by_name), place * np.nan, after * np.nan
-    rest = _resting_axis(figure, points)
+    rest = _resting_axis(tree, points)
     words: dict[UpAxis, float] = {"y": HABIT} if rest is None else {rest: REST_POSE}
     clearance = clearance_of(names)
     found = judged_up(place, after, moment, body, clearance=clearance, words=words)
@@ -302,16 +302,15 @@ def _upward(
     return found.axis, max(found.stands, 0.0 if rest is None else 0.5), doubts(found, "its rest pose")
 
 
-def _resting_axis(figure: Figure, points: Mapping[str, int]) -> UpAxis | None:
+def _resting_axis(tree: Tree, points: Mapping[str, int]) -> UpAxis | None:
     """Return the axis along which the file's rest pose stands; None if it is not a standing body of the same size."""
     if "left_hip" not in points or "left_shoulder" not in points:
         return None
-    rest = figure.offset.copy()
-    for point, parent in enumerate(figure.parents):
+    rest = tree.figure.offset.copy()
+    for point, parent in enumerate(tree.figure.parents):
         if parent >= 0:
             rest[point] += rest[parent]
     place = {name: rest[point][None] for name, point in points.items()}
-    tree = measured(figure)
     for side in ("left", "right"):
         for a, b in (*pairwise(f"{side}_{part}" for part in ("hip", "knee", "ankle")),):
             usual = tree.distance(points[a], points[b])
@@ -334,7 +333,8 @@ def _find_floor(place: _Places, size: float, up: UpAxis) -> float:
 
     Without legs it is 0 if the pelvis is at the height of a standing or sitting one, else inferred from the pelvis.
     """
-    height = {name: quaternion_rotate(TURNS[up], at)[:, 1] for name, at in place.items()}
+    turned = quaternion_rotate(TURNS[up], np.stack(list(place.values())))
+    height = dict(zip(place, turned[..., 1], strict=True))
     if "left_hip" not in place:
         pelvis = float(np.median(height["pelvis"]))
         body, (low, high) = default_skeleton(), _PELVIS

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.pose import Pose, forward_kinematics, tree_kinematics
 from bodysense.body.retarget import transfer_motion
 from bodysense.body.skeleton import Skeleton, chain_to_root, default_skeleton
 from bodysense.errors import BodysenseError
@@ -62,22 +62,21 @@ class SourceJoints:
             range(len(self.joints)) if joints is None else joints,
         )
         world = np.full((*rotation.shape[:-2], len(chosen), 4), np.nan)
-        back, names = quaternion_conjugate(self.up), {joint: name for name, joint in self.ours.items()}
-        for place, joint in enumerate(chosen):
-            if joint in names:
-                name = names[joint]
-                turned = quaternion_multiply(rotation[..., pose.skeleton.index(name), :], self.turn[name])
-                world[..., place, :] = quaternion_multiply(np.broadcast_to(back, turned.shape), turned)
+        names = {joint: name for name, joint in self.ours.items()}
+        places = [place for place, joint in enumerate(chosen) if joint in names]
+        if places:
+            known = [names[chosen[place]] for place in places]
+            turn = np.stack([self.turn[name] for name in known])
+            turned = quaternion_multiply(rotation[..., pose.skeleton.indices(known), :], turn)
+            world[..., places, :] = quaternion_multiply(quaternion_conjugate(self.up), turned)
         return world
 
     def ours_world(self, rotation: np.ndarray) -> dict[str, np.ndarray]:
         """World rotations (T, 4) of our joints, by name, that local ones (T, J, 4) of these joints give."""
-        world = world_rotation(rotation, self.parents)
-        found = {}
-        for name, joint in self.ours.items():
-            turned = quaternion_multiply(np.broadcast_to(self.up, world[:, joint].shape), world[:, joint])
-            found[name] = np.asarray(quaternion_multiply(turned, quaternion_conjugate(self.turn[name])))
-        return found
+        world = world_rotation(rotation, self.parents)[:, list(self.ours.values())]
+        back = quaternion_conjugate(np.stack([self.turn[name] for name in self.ours]))
+        found = quaternion_multiply(quaternion_multiply(self.up, world), back)
+        return {name: found[:, place] for place, name in enumerate(self.ours)}
 
     def seen(self, known: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which of our points (T, 65) have a place in the world, and which joints (T, 52) a rotation.
@@ -121,7 +120,7 @@ def joints_of_file(file: JointFile, rigged: Rigged) -> SourceJoints:
     figure, rig, pose = rigged.figure, rigged.rig, rigged.clip.pose
     place = {node: joint for joint, node in enumerate(file.nodes)}
     index = {name: point for point, name in enumerate(figure.points)}
-    ours, sites, turn = {}, {}, {}
+    ours, sites = {}, {}
     frames = np.unique(np.linspace(0, len(rigged.clip) - 1, _SAMPLE).astype(int))
     rotation = np.asarray(forward_kinematics(pose[frames])[1])
     world = rig.turned_to_world(world_rotation(file.rotation_in(frames), file.parents))
@@ -130,9 +129,10 @@ def joints_of_file(file: JointFile, rigged: Rigged) -> SourceJoints:
         if name in pose.skeleton.end_sites or figure.nodes[point] not in place:  # an end site cannot turn
             sites[name] = place[figure.nodes[figure.parents[point]]]
             continue
-        joint = ours[name] = place[figure.nodes[point]]
-        mine = rotation[:, pose.skeleton.index(name)]
-        turn[name] = mean_rotation(np.asarray(quaternion_multiply(quaternion_conjugate(mine), world[:, joint])))
+        ours[name] = place[figure.nodes[point]]
+    mine, theirs = rotation[:, pose.skeleton.indices(list(ours))], world[:, list(ours.values())]
+    apart = mean_rotation(quaternion_multiply(quaternion_conjugate(mine), theirs))
+    turn = dict(zip(ours, apart, strict=True))
     flat = any(figure.parents[k] > 0 and file.parents[place[figure.nodes[k]]] <= 0 for k in range(len(figure.joints)))
     if flat or (not figure.turns and len(figure.position) > 1):
         raise BodysenseError(
@@ -144,6 +144,8 @@ def joints_of_file(file: JointFile, rigged: Rigged) -> SourceJoints:
 
 def world_rotation(rotation: np.ndarray, parents: Sequence[int]) -> np.ndarray:
     """World rotations (T, J, 4) of joints, parents first, from local ones."""
+    if all(parent >= 0 for parent in parents[1:]):
+        return tree_kinematics(parents, np.zeros((len(parents), 3)), np.zeros(3), rotation)[1]
     world = np.array(rotation)
     for joint, parent in enumerate(parents):
         if parent >= 0:
