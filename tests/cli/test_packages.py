@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
@@ -40,15 +42,7 @@ def test_a_command_of_a_missing_package_gives_the_install_line(command: str, pac
 @pytest.mark.usefixtures("alone")
 def test_the_library_runs_without_the_packages(run: Command) -> None:
     assert "CMU" in run("data", "sources")
-    assert set(application(packages.installed())._subcommands) == {
-        "demo",
-        "track",
-        "check",
-        "repair",
-        "simulate",
-        "convert",
-        "data",
-    }
+    assert set(application(packages.installed())._subcommands) == set(packages.OWN)
 
 
 @pytest.mark.usefixtures("alone")
@@ -109,3 +103,24 @@ def test_a_third_party_package_adds_commands(monkeypatch: pytest.MonkeyPatch) ->
     point = EntryPoint("other", "bodysense_conform.command:add_commands", packages.GROUP)
     monkeypatch.setattr(packages, "entry_points", lambda group: (point,))
     assert "conform" in application(packages.installed())._subcommands
+
+
+def test_a_command_of_the_library_loads_no_package_that_cannot_run_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A package that is unknown may replace the command, and `data` has commands of the laboratory."""
+    names = ["live", "conform", "lab", "other"]
+    points = [EntryPoint(name, f"{name}:add_commands", packages.GROUP) for name in names]
+    monkeypatch.setattr(packages, "entry_points", lambda group: points)
+    found = packages.installed()
+    assert list(packages.needed(found, ["track", "serve"])) == ["other"]
+    assert list(packages.needed(found, ["data", "info"])) == ["lab", "other"]
+    for words in ([], ["--help"], ["serve"], ["trak"]):
+        assert packages.needed(found, words) == found
+
+
+def test_tracking_starts_without_the_server_and_the_laboratory() -> None:
+    code = (
+        "import sys\nfrom bodysense.cli import main\nstatus = main(['track', 'no.bvh', '-o', 'out.bvh'])\n"
+        "print(status, {name.partition('.')[0] for name in sys.modules} & {'bodysense_live', 'bodysense_lab'})"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "2 set()"

@@ -25,7 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:  # imports take some time, during which the user may press Ctrl-C
         from bodysense.cli.application import application
         from bodysense.cli.overwriting import check_arguments
-        from bodysense.cli.packages import check_installed, installed, lines_of_missing
+        from bodysense.cli.packages import check_installed, installed, lines_of_missing, needed
         from bodysense.cli.parsing import run
         from bodysense.cli.quiet import QUIET, quietly
 
@@ -39,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description = "\n\n".join([_DESCRIPTION, *lines_of_missing(found)])
         with quietly(QUIET in given):
             try:
-                status = run(application(found), description, words)
+                status = run(application(needed(found, words)), description, words)
             except ModuleNotFoundError as error:
                 raise missing_package(error) from None
     except BodysenseError as error:

@@ -15,6 +15,7 @@ from tyro.extras import SubcommandApp
 from bodysense.errors import BodysenseError, how_to_install
 
 GROUP = "bodysense.commands"
+OWN = ("demo", "track", "check", "repair", "simulate", "convert", "data")  # commands of the library
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,15 @@ def installed() -> dict[str, EntryPoint]:
     found = {point.name: point for point in entry_points(group=GROUP)}
     order = [package.name for package in PACKAGES]
     return dict(sorted(found.items(), key=lambda item: order.index(item[0]) if item[0] in order else len(order)))
+
+
+def needed(found: Mapping[str, EntryPoint], arguments: Sequence[str]) -> dict[str, EntryPoint]:
+    """Return the packages whose commands a command line may run; those that a command of the library leaves out load
+    slowly. Packages that are not in `PACKAGES` are kept, for their commands are unknown."""
+    if not arguments or arguments[0] not in OWN:
+        return dict(found)
+    others = {package.name for package in PACKAGES if all(command[0] != arguments[0] for command in package.commands)}
+    return {name: point for name, point in found.items() if name not in others}
 
 
 def add_commands(found: Mapping[str, EntryPoint], root: SubcommandApp, data: SubcommandApp) -> None:

@@ -270,9 +270,7 @@ def _find_unit(height: float, is_cmu: bool) -> tuple[str, float]:
     return "", USUAL_HEIGHT / height
 
 
-def _upward(
-    tree: Tree, points: Mapping[str, int], size: float, told: UpAxis | None
-) -> tuple[UpAxis, float, list[str]]:
+def _upward(tree: Tree, points: Mapping[str, int], size: float, told: UpAxis | None) -> tuple[UpAxis, float, list[str]]:
     """Return the upward axis, the mean cosine between the body and it, and warnings.
 
     Raises BodysenseError if no axis is likely, and for a told axis that the motion contradicts.

@@ -10,7 +10,7 @@ import tyro
 
 from bodysense.devices.simulated.device import DeviceName
 from bodysense.ranges import Megabytes, Port, Processes, Sessions
-from bodysense_live.protocols.robots.robot_link import RobotFormat
+from bodysense_live.protocols.robots.messages import RobotFormat
 from bodysense_live.security.safety import RecordingLimits
 
 Addresses = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from typing import Literal
 
 import numpy as np
 
@@ -24,6 +25,7 @@ from bodysense.geometry.rotation import (
     quaternion_rotate,
 )
 
+RobotFormat = Literal["gmr", "sonic"]
 PORT = 5556  # the port at which SONIC looks for a publisher
 TOPIC = b"pose"
 HEADER = 1280  # bytes of SONIC's header, filled with zeros

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.errors import BodysenseError, missing_package
 from bodysense.geometry.products import CONJUGATE, exp, log, multiply, world_rotation
-from bodysense_live.protocols.robots.messages import PORT, gmr_message, sonic_message
+from bodysense_live.protocols.robots.messages import PORT, RobotFormat, gmr_message, sonic_message
 from bodysense_live.server.live import Live
 from bodysense_live.server.metrics import Metrics
 from bodysense_live.sessions.answer import Answer
 
-RobotFormat = Literal["gmr", "sonic"]
 STOP_AFTER = 0.5  # s without a tracked point until nothing is published; a controller then holds its last pose
 _LOSS = 0.1  # s without a tracked point after which the body comes back slowly
 _TURN = 4.0  # rad/s: the fastest turn of a joint while a body resumes; above it robots of human size shake
