@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -210,7 +210,9 @@ class Person:
         tables = {"joints": rows[:joints], "end_sites": rows[joints:], "known": known, "mounts": mounts}
         tables |= {"hands": hands} if hands else {}
         parts = [f'"format": "{FORMAT}"', '"units": "metres; quaternions w, x, y, z"']
-        parts += [f'"{name}": {_one_row_a_line(table)}' for name, table in tables.items()]
+        for name, table in tables.items():
+            text = ",\n  ".join(map(json.dumps, table))  # a row a line
+            parts.append(f'"{name}": [\n  {text}\n]' if text else f'"{name}": []')
         return "{\n" + ",\n".join(parts) + "\n}\n"
 
     @classmethod
@@ -303,11 +305,6 @@ def _hand_row(side: str, hand: GlovedHand) -> dict[str, Any]:
     return {"side": side, **row} | ({"sitting": sitting} if sitting else {})
 
 
-def _one_row_a_line(table: Iterable[dict]) -> str:
-    rows = ",\n  ".join(json.dumps(row) for row in table)
-    return f"[\n  {rows}\n]" if rows else "[]"
-
-
 def _rows(stored: dict, table: str, columns: Mapping[str, int]) -> list[dict]:
     """Return the checked rows of a table of a person's file. `columns`: 0 for a text, else the count of numbers."""
     rows = stored.get(table)
@@ -320,7 +317,11 @@ def _rows(stored: dict, table: str, columns: Mapping[str, int]) -> list[dict]:
                     f"row {number} of {table!r}: {column!r} is missing; rows have {', '.join(columns)}"
                 )
             value = row[column]
-            if not (_is_name(value, column, table) if size == 0 else _are_numbers(value, size)):
+            if size:
+                valid = _are_numbers(value, size)
+            else:
+                valid = isinstance(value, str) or (value is None and (table, column) == ("joints", "parent"))
+            if not valid:
                 wanted = "a text" if size == 0 else f"{size} finite numbers" if size > 1 else "a finite number"
                 raise BodysenseError(f"row {number} of {table!r}: {column!r} is {brief(value)}; it must be {wanted}")
     return rows
@@ -341,10 +342,6 @@ def _hand_rows(stored: dict) -> list[dict]:
         columns = {"side": 0, "points": 63, "axes": 60, "markers": 3 * (len(sitting) or 9)}
         found += _rows({"hands": [row]}, "hands", columns)
     return found
-
-
-def _is_name(value: Any, column: str, table: str) -> bool:
-    return isinstance(value, str) or (value is None and column == "parent" and table == "joints")
 
 
 def _are_numbers(value: Any, size: int) -> bool:

@@ -50,7 +50,8 @@ def reach_all(
         way = target - position[..., first, :]
         distance = np.clip(np.linalg.norm(way, axis=-1), np.abs(a - b) + 1e-6, STRAIGHT * (a + b))
         wanted = np.arccos(np.clip((distance**2 - a**2 - b**2) / (2 * a * b), -1, 1))
-        axis, bend = _plane(upper, lower, _hinge(skeleton.joints[middle], world[..., middle, :]))
+        hinge = np.array(_HINGES.get(skeleton.joints[middle], _HINGES["knee"]))  # flexes the elbow or knee
+        axis, bend = _plane(upper, lower, quaternion_rotate(world[..., middle, :], np.broadcast_to(hinge, upper.shape)))
         flexed = quaternion_exp((wanted - bend)[..., None] * axis)
         swung = shortest_arc(upper + quaternion_rotate(flexed, lower), way)
         above = quaternion_multiply(swung, world[..., first, :])
@@ -70,9 +71,3 @@ def _plane(upper: np.ndarray, lower: np.ndarray, hinge: np.ndarray) -> tuple[np.
     flat = size < _FLAT * np.hypot(size, along)
     axis = np.where(flat[..., None], hinge, normal / np.maximum(size, 1e-12)[..., None])
     return axis, np.where(flat, 0.0, np.arctan2(size, along))
-
-
-def _hinge(middle: str, world: np.ndarray) -> np.ndarray:
-    """Return the axis (..., 3), world, about which an elbow or knee flexes."""
-    axis = np.array(_HINGES.get(middle, _HINGES["knee"]))
-    return np.asarray(quaternion_rotate(world, np.broadcast_to(axis, (*world.shape[:-1], 3))))

@@ -53,20 +53,15 @@ def files_in(
         raise BodysenseError(f"{place}: a prepared store of motion, which {LAB} reads; {how_to_install(LAB)}")
     if place.is_file():
         return 1, (_read(place.name, Source(place, person="", split="test"), reading) for _ in range(1))
-    others = _others(place) if place.is_dir() and split == "all" else []
+    others: list[Path] = []  # that belong to no data set: markers, glTF, recordings, and unsupported kinds
+    if split == "all" and place.is_dir() and not (place / "splits.json").exists():
+        others = sorted(path for path in place.rglob("*") if path.suffix.lower() in OTHERS and path.is_file())
     every = [] if others and not motion_files(place) else list_sources(place, layout)
     sources = [source for source in every if split in ("all", source.split)]
     if not sources and not others:
         raise BodysenseError(empty_split(str(place), split, (source.split for source in every)))
     sources += [Source(path, person="", split="test") for path in others]
     return len(sources), (_read(source.key(place), source, reading) for source in sources)
-
-
-def _others(folder: Path) -> list[Path]:
-    """Return files of a folder that belong to no data set: markers, glTF, recordings, and unsupported kinds."""
-    if (folder / "splits.json").exists():
-        return []
-    return sorted(path for path in folder.rglob("*") if path.suffix.lower() in OTHERS and path.is_file())
 
 
 def _read(key: str, source: Source, reading: ReadingOptions) -> FoundFile:

@@ -67,7 +67,10 @@ def print_take(take: Take | FilledFile, warnings: tuple[str, ...], markers_out: 
         if take.markers is None or line not in take.markers.warnings:  # those were printed when the file was opened
             print(f"WARNING: {line}", file=sys.stderr)
     if markers_out:
-        print(_filled_markers_line(take))
+        assert take.markers is not None and take.markers.found is not None
+        raw = take.markers.found.raw
+        listed = frame_counts(raw.names, take.filled_markers.filled, "markers")
+        print(f"filled, in frames of {len(raw.time)}: {listed}" if listed else "no marker has a gap: none was filled")
     if take.person.bone_deviation.any():
         print(inferred_line(take.person))
 
@@ -89,14 +92,6 @@ def frame_counts(names: Sequence[str], frames: np.ndarray, kind: str) -> str:
     found = [f"{name} {count}" for name, count in counts if count]
     more = f" and {len(found) - _LISTED} more {kind}" if len(found) > _LISTED else ""
     return ", ".join(found[:_LISTED]) + more
-
-
-def _filled_markers_line(take: Take | FilledFile) -> str:
-    """Return a line with the number of filled frames of each marker."""
-    assert take.markers is not None and take.markers.found is not None
-    raw = take.markers.found.raw
-    listed = frame_counts(raw.names, take.filled_markers.filled, "markers")
-    return f"filled, in frames of {len(raw.time)}: {listed}" if listed else "no marker has a gap: none was filled"
 
 
 def remaining_gaps(take: Take | FilledFile) -> tuple[str, ...]:

@@ -104,8 +104,10 @@ def track_video(
         longest = options.seconds or float("inf")
         pictures = takewhile(lambda picture: picture.time < longest, video.pictures)
         progress = stack.enter_context(Progress(SpinnerColumn(), *Progress.get_default_columns()))
-        total = _frame_count(min(video.count or float("inf"), longest * video.rate))
-        bar = progress.add_task(f"tracking {video.name}, look-ahead {look_ahead:g} s", total=total)
+        count = min(video.count or float("inf"), longest * video.rate)  # infinite for a webcam
+        bar = progress.add_task(
+            f"tracking {video.name}, look-ahead {look_ahead:g} s", total=None if count == float("inf") else round(count)
+        )
         try:
             for done in watch(pictures, landmarker, make_device, people):
                 begun = clock.perf_counter()
@@ -135,11 +137,6 @@ def _absence(presence: Presence) -> str:
     return (
         f"\nnobody is seen for {presence.seconds:.1f} s, which are left out of the motion: {', '.join(spans)} s{more}"
     )
-
-
-def _frame_count(count: float) -> int | None:
-    """Return a number of frames; None for a webcam, which has no end."""
-    return None if count == float("inf") else round(count)
 
 
 def _report(text: str, warning: str | None, overlay: Path | None) -> None:

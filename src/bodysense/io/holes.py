@@ -100,7 +100,10 @@ def flat_lined(file: JointFile, rig: SourceJoints) -> np.ndarray:
     missing with it.
     """
     mask = np.zeros((len(file.values), len(file.joints)), dtype=bool)
-    still = np.stack([_still(file, joint) for joint in range(len(file.joints))], axis=1)
+    still = np.zeros(mask.shape, dtype=bool)  # the joint's angles equal those of the frame before
+    for joint in range(len(file.joints)):
+        columns = file.columns_of(joint, "rotation")
+        still[1:, joint] = (file.values[1:, columns] == file.values[:-1, columns]).all(axis=1)
     least = max(2, int(np.ceil(FLAT * file.frame_rate)))
     ours, body = rig.ours, still[:, rig.trunk[0]]
     for name in _RESTLESS:
@@ -137,14 +140,6 @@ def below(joint: int, parents: Sequence[int]) -> list[int]:
         if parents[other] in found:
             found.append(other)
     return found
-
-
-def _still(file: JointFile, joint: int) -> np.ndarray:
-    """Return (T,) bool: the joint's angles equal those of the frame before."""
-    columns = file.columns_of(joint, "rotation")
-    same = np.zeros(len(file.values), dtype=bool)
-    same[1:] = (file.values[1:, columns] == file.values[:-1, columns]).all(axis=1)
-    return same
 
 
 def _joint(name: str, joints: Sequence[str], ours: Mapping[str, int]) -> int:

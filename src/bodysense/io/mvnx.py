@@ -143,7 +143,9 @@ def _joints_of(path: Path, subject: _MvnPerson, first: int) -> tuple[list[Node],
         frame = int(np.argmax(~(sound(place).all(axis=(1, 2)) & (np.abs(length - 1) < _UNIT_LENGTH).all(axis=1))))
         raise BodysenseError(f"{path}: frame {frame} is not finite, or no rotation; export the take again")
     turn = normalize(turn)
-    order = _in_order(names)
+    order: list[str] = []  # parents before children
+    while len(order) < len(names):
+        order += [name for name in names if name not in order and _carrier(name, names) in (None, *order)]
     nodes, columns = [], []
     for name in order:
         k = names.index(name)
@@ -170,14 +172,6 @@ def _carrier(name: str, names: list[str]) -> str | None:
     while above is not None and above not in names:
         above = _CARRIERS.get(above)
     return above
-
-
-def _in_order(names: list[str]) -> list[str]:
-    """Return segments with parents before children."""
-    order: list[str] = []
-    while len(order) < len(names):
-        order += [name for name in names if name not in order and _carrier(name, names) in (None, *order)]
-    return order
 
 
 class _Parser:

@@ -252,7 +252,9 @@ def _axis(points: PlacedPoints, floor: float) -> list[tuple[str, str]]:
     """Return a doubt about the upward axis, if the body stands along another one and cannot lie so."""
     directions = _directions(points)
     heights = points.places[:, 1] - floor
-    rise = _hands_below(points)
+    wrists = [place for side in ("left", "right") if (place := points.place(f"{side}_wrist")) is not None]
+    top = points.place("head")
+    rise = None if top is None or not wrists else top - np.mean(wrists, axis=0)  # from the hands to the head, m
     if not directions:
         # Only the places of the head and of the hands: the axis is doubted only if the floor is wrong, too.
         head = heights[points.names.index("head")] if rise is not None else np.nan
@@ -285,13 +287,6 @@ def _can_lie(points: PlacedPoints, floor: float) -> bool:
         and np.ptp(trunk) < _THICK
         and heights.max() < trunk.max() + _LIMB
     )
-
-
-def _hands_below(points: PlacedPoints) -> np.ndarray | None:
-    """Return the vector (3,) m from the mean of the wrists to the head, or None."""
-    wrists = [place for side in ("left", "right") if (place := points.place(f"{side}_wrist")) is not None]
-    head = points.place("head")
-    return None if head is None or not wrists else head - np.mean(wrists, axis=0)
 
 
 def _confirms(rise: np.ndarray | None, up: np.ndarray, heights: np.ndarray) -> bool:

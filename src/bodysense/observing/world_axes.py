@@ -122,7 +122,10 @@ def check_world(
             f"{name}: the head is {size:.4g} m {where}; give metres, or say the unit: unit='{likely}' (--unit "
             f"{likely}); unit='m' (--unit m) if it is really there; units are {', '.join(UNITS)}"
         )
-    stands_along_z = rise[2] > max(_UPRIGHT, 2 * abs(rise[1])) if rise is not None else _keeps_height(top[:, 2])
+    if rise is not None:
+        stands_along_z = rise[2] > max(_UPRIGHT, 2 * abs(rise[1]))
+    else:  # heights of a head: at least a second, within half a metre
+        stands_along_z = len(top) >= 30 and float(np.ptp(top[:, 2])) < 0.5
     if up is None and abs(height) < _LOW and _STANDING[0] < depth < _STANDING[1] and stands_along_z:
         raise BodysenseError(
             f"{name}: the head is {height:.2f} m high and {depth:.2f} m along z, as of a body that stands along +Z; "
@@ -140,8 +143,3 @@ def _head_above_points(observation: Observation, head: int) -> np.ndarray | None
     total = np.where(known[..., None], observation.position[..., others, :], 0.0).sum(axis=-2)[where]
     middle = total / known.sum(axis=-1)[where][:, None]
     return np.median(observation.position[..., head, :][where] - middle, axis=0)
-
-
-def _keeps_height(heights: np.ndarray) -> bool:
-    """Whether (N,) m could be heights of a head: at least a second, within half a metre."""
-    return len(heights) >= 30 and float(np.ptp(heights)) < 0.5

@@ -129,7 +129,9 @@ def swaps(pose: Pose, frame_rate: float) -> list[Found]:
     index, found = pose.skeleton.index, list[Found]()
     for first_joint, parts in (("shoulder", LIMBS["arm"]), ("hip", LIMBS["leg"])):
         left, right = (rotation[:, [index(f"{side}_{part}") for part in parts]] for side in ("left", "right"))
-        same, crossed = _changes(left, right)
+        unchanged = geodesic_angle(left[1:], left[:-1]) + geodesic_angle(right[1:], right[:-1])
+        swapped = geodesic_angle(left[1:], right[:-1] * _MIRROR) + geodesic_angle(right[1:], left[:-1] * _MIRROR)
+        same, crossed = unchanged.sum(axis=1), swapped.sum(axis=1)  # rad from frame to frame
         beside = np.maximum(np.append(0.0, same[:-1]), np.append(same[1:], 0.0))
         is_change = (same > SWAP) & (same > SWAP_RATIO * crossed) & (same > SWAP_SUDDEN * beside)
         events = np.flatnonzero(is_change) + 1
@@ -137,14 +139,6 @@ def swaps(pose: Pose, frame_rate: float) -> list[Found]:
             size = same[(first or end) - 1]
             found.append((f"left_{first_joint}", first, end - 1, float(np.rad2deg(size))))
     return found
-
-
-def _changes(left: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return sums of angles (T - 1,) from frame to frame of two limbs (T, K, 4), unchanged and with sides swapped."""
-    across = (left * _MIRROR, right * _MIRROR)
-    same = geodesic_angle(left[1:], left[:-1]) + geodesic_angle(right[1:], right[:-1])
-    crossed = geodesic_angle(left[1:], across[1][:-1]) + geodesic_angle(right[1:], across[0][:-1])
-    return same.sum(axis=1), crossed.sum(axis=1)
 
 
 def _between(events: Sequence[int], frames: int) -> list[tuple[int, int]]:

@@ -47,7 +47,10 @@ def doubts_about(
         left_handed: whether its axes were given as left-handed.
     """
     mirrored, size = _mirrored(place, left_handed), _size(place, unit)
-    found = [flat_doubt(place), _speed(place, later, moment), mirrored, _rate(rate), size]
+    unusual = None
+    if not RATES[0] <= rate <= RATES[1]:
+        unusual = Doubt("rate", f"its rate of {rate:.3g} frames a second is unlike a motion's; see that it is right")
+    found = [flat_doubt(place), _speed(place, later, moment), mirrored, unusual, size]
     return [doubt for doubt in found if doubt is not None]
 
 
@@ -136,12 +139,6 @@ def _speed(place: Places, later: Places, moment: float) -> Doubt | None:
     if fast <= FASTEST:
         return None
     return Doubt("speed", f"the body moves at {fast:.3g} m/s: if its path is in another unit, give --unit cm or mm")
-
-
-def _rate(rate: float) -> Doubt | None:
-    if RATES[0] <= rate <= RATES[1]:
-        return None
-    return Doubt("rate", f"its rate of {rate:.3g} frames a second is unlike a motion's; see that it is right")
 
 
 def _size(place: Places, unit: str | None) -> Doubt | None:

@@ -72,7 +72,9 @@ def lead_to_returns(rotation: Array, head: Array, seen: Array, seconds: float) -
             around = rotation[max(frame - 2, 0) : frame + 2, joints]
             turn = _jump(around, min(frame, 2), FASTEST_TURN * seconds)
             wanted = max(LEAD, LEAD_PER_TURN * float(np.linalg.norm(turn, axis=-1).max())) / seconds
-            count = _hidden_before(seen[:, points], frame, came, max(1, round(wanted)))
+            # How long all of these points were hidden before.
+            visible = np.asarray(seen[max(frame - max(1, round(wanted)), 0) : frame, points][:, came].any(axis=1))[::-1]
+            count = int(visible.argmax()) if visible.any() else len(visible)
             share = smooth_step(np.arange(1, count + 1) / count)
             span = slice(frame - count, frame)
             more = quaternion_exp(share[:, None, None] * turn)
@@ -87,12 +89,6 @@ def _returns(seen: Array) -> Iterator[tuple[int, Array]]:
     again = seen[1:] & ~seen[:-1]
     for frame in np.flatnonzero(again.any(axis=1)).tolist():
         yield frame + 1, np.flatnonzero(again[frame])
-
-
-def _hidden_before(seen: Array, frame: int, came: Array, most: int) -> int:
-    """Return the number of frames before `frame`, at most `most`, in which all points `came` were hidden."""
-    before = np.asarray(seen[max(frame - most, 0) : frame, came].any(axis=1))[::-1]
-    return int(before.argmax()) if before.any() else len(before)
 
 
 def _jump(rotation: Array, frame: int, most: float) -> Array:

@@ -195,7 +195,11 @@ class Tracker:
                 f"observation: batch axes {lead}, but the tracker is of "
                 f"{'one person: give (T, P, 3)' if alone else f'{count} people: give ({count}, T, P, 3)'}"
             )
-        each = [observation] if alone else [_person_slice(observation, k) for k in range(count)]
+        leading = ["position", "rotation", "has_position", "has_rotation", "accuracy"]
+        leading += [] if observation.acceleration is None else ["acceleration"]
+        each = [observation]
+        if not alone:
+            each = [replace(observation, **{of: getattr(observation, of)[k] for of in leading}) for k in range(count)]
         if not RAW_POINTS.isdisjoint(observation.points):
             each = [_joints_only(one, person) for one, person in zip(each, self.people, strict=True)]
         outputs, after = None, None
@@ -280,14 +284,6 @@ def _joints_only(observation: Observation, person: Person) -> Observation:
     from bodysense.observing.raw_poses import with_joints
 
     return with_joints(observation, person.skeleton)
-
-
-def _person_slice(observation: Observation, k: int) -> Observation:
-    """Return the observation of person `k` from one that leads with an axis of people."""
-    names = ["position", "rotation", "has_position", "has_rotation", "accuracy"]
-    if observation.acceleration is not None:
-        names.append("acceleration")
-    return replace(observation, **{name: getattr(observation, name)[k] for name in names})
 
 
 def _estimate(

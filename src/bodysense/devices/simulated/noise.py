@@ -117,7 +117,11 @@ def disturb(
     if imu.any():
         turn += _drift(lean, settings.imu_time, interval, rng)
 
-    origin = _session_start(observation.position[..., int(is_head.argmax()), :])
+    # Sessions begin on the floor below the head's first known position, at the origin if it is never known.
+    head = observation.position[..., int(is_head.argmax()), :]
+    first = np.isfinite(head).all(axis=-1).argmax(axis=-1)
+    start = np.take_along_axis(head, first[..., None, None], axis=-2)
+    origin = (np.nan_to_num(start) * np.array([1.0, 0.0, 1.0]))[..., None, :]
     scale = 1 + settings.scale * rng.standard_normal((*session, 1, 1, 1))
     position = origin + scale * (observation.position - origin) + shift
     rotation = quaternion_multiply(quaternion_exp(np.radians(turn)), observation.rotation)
@@ -157,13 +161,6 @@ def _first_repeated(step: np.ndarray) -> np.ndarray:
     """Return (..., T, P): differences (..., T − 1, P) with the first one repeated, and 0 instead of NaN."""
     first = step[..., :1, :] if step.shape[-2] else np.zeros((*step.shape[:-2], 1, step.shape[-1]))
     return np.nan_to_num(np.concatenate([first, step], axis=-2))
-
-
-def _session_start(position: np.ndarray) -> np.ndarray:
-    """Return (..., 1, 1, 3) m: the floor below the first known of positions (..., T, 3); the origin if all are NaN."""
-    first = np.isfinite(position).all(axis=-1).argmax(axis=-1)
-    begun = np.take_along_axis(position, first[..., None, None], axis=-2)
-    return (np.nan_to_num(begun) * np.array([1.0, 0.0, 1.0]))[..., None, :]
 
 
 def _drift(deviation: np.ndarray, time: float, interval: np.ndarray, rng: np.random.Generator) -> np.ndarray:

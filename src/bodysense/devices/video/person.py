@@ -209,20 +209,16 @@ def _choose(
     now = {new: _update_track(known[one], seen[new]) for one, new in matches.items()}
     for number, new in enumerate(sorted(free_seen, key=lambda new: seen[new].place[0]), start=state.count + 1):
         now[new] = replace(seen[new], number=number)
-    chosen = matches.get(0)
-    if person is None:
-        chosen = _pick(now, settings.number)
+    if person is not None:
+        chosen = matches.get(0)
+    elif settings.number is not None:
+        chosen = next((new for new, one in now.items() if one.number == settings.number), None)
+    else:
+        chosen = max(now, key=lambda new: now[new].size, default=None)
     kept = [known[one] for one in free_known if one or person is None]
     others = [one for new, one in now.items() if new != chosen] + kept
     person = person if chosen is None else now[chosen]
     return chosen, replace(state, person=person, others=tuple(others), count=state.count + len(free_seen))
-
-
-def _pick(seen: dict[int, PersonTrack], number: int | None) -> int | None:
-    """Return the index of the person to follow among those seen, or None."""
-    if number is not None:
-        return next((new for new, one in seen.items() if one.number == number), None)
-    return max(seen, key=lambda new: seen[new].size, default=None)
 
 
 def _people(picture: Picture, bodies: Bodies) -> list[PersonTrack]:

@@ -96,7 +96,9 @@ def _open_file(path: Path) -> Video:
     rate = float(stream.average_rate or stream.guessed_rate or 0)
     if not 0 < rate <= _FASTEST:
         rate = _measured_rate(path)
-    seconds = _seconds(container, stream)
+    seconds = container.duration / 1e6 if container.duration else None
+    if stream.duration and stream.time_base:
+        seconds = float(stream.duration * stream.time_base)
     count = stream.frames or (None if seconds is None else round(seconds * rate))
     return Video(path.name, rate, count or None, _decode(path, container, stream, rate, seconds), container.close)
 
@@ -108,13 +110,6 @@ def _measured_rate(path: Path) -> float:
         times = [float(packet.pts * packet.time_base) for packet in packets if packet.pts is not None]
     length = max(times, default=0.0) - min(times, default=0.0)
     return (len(times) - 1) / length if length > 0 else 30.0
-
-
-def _seconds(container: InputContainer, stream: VideoStream) -> float | None:
-    """Return the stated length (s) of the file, or None."""
-    if stream.duration and stream.time_base:
-        return float(stream.duration * stream.time_base)
-    return None if not container.duration else container.duration / 1e6
 
 
 def _decode(

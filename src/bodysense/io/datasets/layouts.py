@@ -120,15 +120,12 @@ def _unoc(directory: Path, files: Sequence[MotionFile]) -> list[Labelled]:
             "holds the participants' folders"
         )
     order = sorted(set(people.values()), key=natural_order)
-    split: dict[str, Split] = {person: _unoc_split(order, k) for k, person in enumerate(order)}
+    split: dict[str, Split] = {person: split_of(person) for person in order}
+    if len(order) == UNOC_PARTICIPANTS:  # the rule in `labelled`
+        last: list[Split] = ["val", "test", "test"]
+        split = {person: "train" for person in order[:-3]}
+        split |= dict(zip(order[-3:], last, strict=True))
     return [Labelled(file, person, split[person], rest="found") for file, person in people.items()]
-
-
-def _unoc_split(order: Sequence[str], place: int) -> Split:
-    """Return the split of a participant by the rule in `labelled`."""
-    if len(order) != UNOC_PARTICIPANTS:
-        return split_of(order[place])
-    return "test" if place >= len(order) - 2 else "val" if place == len(order) - 3 else "train"
 
 
 def _talking_with_hands(directory: Path, files: Sequence[MotionFile]) -> list[Labelled]:

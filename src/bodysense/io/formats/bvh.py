@@ -76,25 +76,22 @@ def _figure(file: JointFile, root: int) -> Figure:
     names = _unique([file.tree[k].name for k in nodes])
     offset = np.array([file.tree[k].offset for k in nodes], dtype=float)
     position = {rank: file.place(joint) for rank, joint in enumerate(joints) if file.axes_of(joint)}
+    rotation: Rotation = LazyRotation(
+        (len(file.values), len(joints), 4), lambda frames: file.rotation_in(frames)[:, joints]
+    )
+    if len(file.values) <= LONG:  # else the rotations are computed when they are taken
+        rotation = file.rotation[:, joints]
     return Figure(
         name=str(file.path),
         joints=names[: len(joints)],
         end_sites=names[len(joints) :],
         parents=tuple(-1 if k == root else point[file.tree[k].parent] for k in nodes),
         offset=offset,
-        rotation=_rotation_of(file, joints),
+        rotation=rotation,
         position=positions_in_parent(position, offset),
         frame_rate=file.frame_rate,
         nodes=tuple(nodes),
     )
-
-
-def _rotation_of(file: JointFile, joints: list[int]) -> Rotation:
-    """Return the rotations (T, J, 4) of some joints; of a long file they are computed when they are taken."""
-    if len(file.values) <= LONG:
-        return file.rotation[:, joints]
-    shape = (len(file.values), len(joints), 4)
-    return LazyRotation(shape, lambda frames: file.rotation_in(frames)[:, joints])
 
 
 def _unique(names: list[str]) -> tuple[str, ...]:

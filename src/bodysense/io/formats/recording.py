@@ -33,11 +33,12 @@ SKELETON = ("joints", "end_sites", "parents", "rest_offset")
 
 def lines_of(seen: Observation, skeleton: Skeleton | None) -> list[str]:
     """Return the lines of a recording; without a skeleton if the wearer's is unknown."""
-    usual = [_first(values, mask) for values, mask in zip(seen.accuracy.T, seen.has_position.T, strict=True)]
+    columns = zip(seen.points, seen.accuracy.T, seen.has_position.T, strict=True)
+    usual = {name: _rounded(values[int(np.argmax(mask))]) for name, values, mask in columns if mask.any()}
     header: dict[str, Any] = {
         "format": FORMAT,
         "points": seen.points,
-        "accuracy": {name: value for name, value in zip(seen.points, usual, strict=True) if value is not None},
+        "accuracy": usual,  # when a point is first tracked
     }
     if skeleton is not None:
         fields = {name: getattr(skeleton, name) for name in SKELETON}
@@ -49,7 +50,7 @@ def lines_of(seen: Observation, skeleton: Skeleton | None) -> list[str]:
             values, mask = getattr(seen, kind)[t], getattr(seen, f"has_{kind}")[t]
             frame[kind] = {seen.points[p]: np.round(values[p], digits).tolist() for p in np.flatnonzero(mask)}
         accuracy = {p: _rounded(seen.accuracy[t, p]) for p in np.flatnonzero(seen.has_position[t])}
-        accuracy = {seen.points[p]: value for p, value in accuracy.items() if value != usual[p]}
+        accuracy = {seen.points[p]: value for p, value in accuracy.items() if value != usual[seen.points[p]]}
         if accuracy:
             frame["accuracy"] = accuracy
         felt = {} if seen.acceleration is None else dict(zip(seen.points, seen.acceleration[t], strict=True))
@@ -58,11 +59,6 @@ def lines_of(seen: Observation, skeleton: Skeleton | None) -> list[str]:
             frame["acceleration"] = felt
         lines.append(json.dumps(frame))
     return lines
-
-
-def _first(accuracy: np.ndarray, mask: np.ndarray) -> float | None:
-    """Return the accuracy (T,) of a point when it is first tracked; None if it never is."""
-    return _rounded(accuracy[int(np.argmax(mask))]) if mask.any() else None
 
 
 def _rounded(metres: float) -> float:

@@ -22,7 +22,7 @@ from bodysense.io.markers.centres import (
     lengths_of,
     turns_of,
 )
-from bodysense.io.markers.marker_sets import MarkerSet, Recipe
+from bodysense.io.markers.marker_sets import MarkerSet
 from bodysense.io.markers.raw_markers import FileWorld
 from bodysense.observing.observation import Observation
 
@@ -116,7 +116,8 @@ def add_centres(
     """
     accuracy, found = dict[str, float](), dict[str, Lengths]()
     for recipe in markers.points:
-        if recipe.name in accuracy or not _is_applicable(recipe, places, axes):
+        has_axes = recipe.how == "hinge" or all(name in axes for name in recipe.frames)  # a hinge needs no segment
+        if recipe.name in accuracy or not has_axes or not all(name in places for name in recipe.markers):
             continue
         found[recipe.name] = lengths_of(recipe, places) if lengths is None else lengths[recipe.name]
         places[recipe.name] = centre_of(recipe, places, axes, size, found[recipe.name])
@@ -163,9 +164,3 @@ def observed_points(
     position[~seen], rotation[~turned] = np.nan, np.nan
     error = np.array([accuracy.get(name, 1.0) for name in points])
     return Observation(points, position, rotation, seen, turned, np.broadcast_to(error, seen.shape).copy(), time)
-
-
-def _is_applicable(recipe: Recipe, places: Places, axes: Mapping[str, np.ndarray]) -> bool:
-    """Whether a recipe has its markers and its segment; a hinge needs no segment."""
-    has_axes = recipe.how == "hinge" or all(name in axes for name in recipe.frames)
-    return has_axes and all(name in places for name in recipe.markers)

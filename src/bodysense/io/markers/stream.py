@@ -61,18 +61,13 @@ def learn_layout(raw: RawMarkers, form: MarkerFormat, place: str) -> StreamLayou
     there is neither a body nor a glove.
     """
     if form.names is None and not glove_labels(raw, form) and recognised(raw.names) is None:
-        named = joints_of(_rigid_bodies(raw))
+        turned = [] if raw.rotation is None else np.flatnonzero(np.isfinite(raw.rotation).any(axis=(0, 2)))
+        named = joints_of([raw.names[k] for k in turned])  # of rigid bodies
         form = replace(form, names=named) if named else form
     found = recording_of(raw, form, place)
     own = found.raw  # of one subject
     gloves = {ours: own.names.index(name) for name, ours in glove_labels(own, form).items()}
     return StreamLayout(own.names, found.world, found.layout, gloves, found.remarks, found.warnings)
-
-
-def _rigid_bodies(raw: RawMarkers) -> list[str]:
-    if raw.rotation is None:
-        return []
-    return [name for k, name in enumerate(raw.names) if np.isfinite(raw.rotation[:, k]).any()]
 
 
 def _chosen(values: np.ndarray, columns: np.ndarray) -> np.ndarray:

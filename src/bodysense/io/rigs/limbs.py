@@ -118,15 +118,11 @@ def with_chains(tree: Tree, points: Mapping[str, int], kind: Kind) -> dict[str, 
         pairs = [(a, b) for a in firsts for b in middles if b in chain and chain.index(a) < chain.index(b)]
         if not pairs:
             continue
-        start, middle = pairs[int(np.argmin([_uneven(tree, a, b, end) for a, b in pairs]))]
+        lengths = np.array([(tree.distance(a, b), tree.distance(b, end)) for a, b in pairs])
+        uneven = np.abs(np.diff(np.log(np.maximum(lengths, 1e-9))))[:, 0]  # the logarithm of the bones' ratio
+        start, middle = pairs[int(np.argmin(uneven))]
         found |= dict(zip(names, (start, middle, end), strict=True))
     return found
-
-
-def _uneven(tree: Tree, start: int, middle: int, end: int) -> float:
-    """Return how unequal the two bones of a limb are: the logarithm of their ratio."""
-    upper, lower = tree.distance(start, middle), tree.distance(middle, end)
-    return abs(float(np.log(max(upper, 1e-9) / max(lower, 1e-9))))
 
 
 def named_limb(tree: Tree, points: Mapping[str, int], kind: Kind) -> Limb | None:
