@@ -86,14 +86,12 @@ def spreads(subject: Subject, reading: Reading = np.asarray) -> list[float]:
     for parent, child in subject.bones:
         bone = subject.line(parent, child)
         length = float(np.nanmedian(norm(bone)))
-        if not is_finger(child) and length > 0.05 and subject.has_rotation(parent) and _turns(subject, parent):
-            local = quaternion_rotate(quaternion_conjugate(reading(subject.turn(parent))), bone)
+        if is_finger(child) or length <= 0.05 or not subject.has_rotation(parent):
+            continue
+        turn = subject.turn(parent)
+        good = turn[np.isfinite(turn).all(axis=-1)]
+        if 2 * np.arccos(np.clip(np.abs(good @ good[0]), 0, 1)).max() > _TURNED:
+            local = quaternion_rotate(quaternion_conjugate(reading(turn)), bone)
             found.append(float(np.nanmean(norm(local - np.nanmedian(local, axis=0)))) / length)
     need(len(found) >= 3, "fewer than three bones turn by 20°")
     return found
-
-
-def _turns(subject: Subject, joint: str) -> bool:
-    turn = subject.turn(joint)
-    good = turn[np.isfinite(turn).all(axis=-1)]
-    return bool(2 * np.arccos(np.clip(np.abs(good @ good[0]), 0, 1)).max() > _TURNED)

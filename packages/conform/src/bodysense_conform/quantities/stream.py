@@ -61,18 +61,14 @@ def lag(subject: Subject) -> Series:
     for start in range(reach, len(grid) - window - reach, window // 2):
         here = ours[:, start : start + window].ravel()
         others = sliding_window_view(theirs[:, start - reach : start + reach + window], window, axis=1)
-        alike = _correlations(here, others.swapaxes(0, 1)[::-1].reshape(2 * reach + 1, -1))
+        shifted = others.swapaxes(0, 1)[::-1].reshape(2 * reach + 1, -1)
+        here, shifted = here - here.mean(), shifted - shifted.mean(axis=1, keepdims=True)
+        alike = shifted @ here / np.sqrt((here @ here) * np.sum(shifted**2, axis=1))  # Pearson's correlations
         best = int(np.nanargmax(alike)) if np.isfinite(alike).any() else 0
         if alike[best] > _ALIKE:
             first, end = np.searchsorted(subject.time, [grid[start], grid[start + window // 2]])
             found[first:end] = 1000 * _EVERY * (best - reach)
     return found
-
-
-def _correlations(one: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return Pearson's correlations (N,) of values (M,) with each row of (N, M)."""
-    one, others = one - one.mean(), others - others.mean(axis=1, keepdims=True)
-    return others @ one / np.sqrt((one @ one) * np.sum(others**2, axis=1))
 
 
 def validity(subject: Subject) -> dict[str, np.ndarray]:

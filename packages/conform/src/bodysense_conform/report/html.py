@@ -52,6 +52,11 @@ def page(verdict: Verdict) -> str:
         for k in frames
     )
     faults = "".join(_fault(verdict, one) for one in verdict.of("fail", "retake"))
+    reasons = "".join(
+        f"<tr><td class=id>{escape(reason)}</td><td class=why>{escape(', '.join(shortened(ids)))}</td></tr>"
+        for reason, ids in verdict.unanswered.items()
+    )
+    unanswered = f"<table>{reasons}</table>" if reasons else "<p class=none>Every check was answered.</p>"
     rows = {"input SHA-256": subject.sha256 or "a stream", **versions(verdict.table)}
     footer = "".join(f"<dt>{escape(key)}</dt><dd>{escape(value)}</dd>" for key, value in rows.items())
     return f"""<!doctype html>
@@ -64,7 +69,7 @@ def page(verdict: Verdict) -> str:
 <main><section class="strip" aria-label="the take">{pictures}</section>
 {f'<section class="faults"><h2>Faults</h2>{faults}</section>' if faults else ""}
 {"".join(_group(verdict, group) for group in verdict.table.groups)}
-<section class="group"><h2>Not enough to judge</h2>{_unanswered(verdict)}</section>
+<section class="group"><h2>Not enough to judge</h2>{unanswered}</section>
 </main><footer><dl>{footer}</dl></footer></body></html>
 """
 
@@ -92,14 +97,6 @@ def _group(verdict: Verdict, group: Group) -> str:
         for one in found
     )
     return f'<section class="group"><h2>{escape(group.title)}</h2><table>{rows}</table></section>' if rows else ""
-
-
-def _unanswered(verdict: Verdict) -> str:
-    rows = "".join(
-        f"<tr><td class=id>{escape(reason)}</td><td class=why>{escape(', '.join(shortened(ids)))}</td></tr>"
-        for reason, ids in verdict.unanswered.items()
-    )
-    return f"<table>{rows}</table>" if rows else "<p class=none>Every check was answered.</p>"
 
 
 def _kind(outcome: str) -> str:

@@ -197,7 +197,9 @@ def take_step(
     terms, memory = task.loss(fabric.to_device(batch), memory)
     optimizer.zero_grad()
     terms["loss"].backward()
-    _average_gradients(task.network, fabric)
+    for parameter in task.network.parameters() if fabric.world_size > 1 else ():
+        if parameter.grad is not None:
+            parameter.grad = fabric.all_reduce(parameter.grad, reduce_op="mean")  # type: ignore[assignment]
     for group in optimizer.param_groups:
         nn.utils.clip_grad_norm_(group["params"], group.get("clip", task.clip))
     optimizer.step()
@@ -239,12 +241,6 @@ def _pace_is_due(begun: float) -> Iterator[bool]:
         if due:
             last, wait_for = time.monotonic(), min(2 * wait_for, most)
         yield due
-
-
-def _average_gradients(network: nn.Module, fabric: Fabric) -> None:
-    for parameter in network.parameters() if fabric.world_size > 1 else ():
-        if parameter.grad is not None:
-            parameter.grad = fabric.all_reduce(parameter.grad, reduce_op="mean")  # type: ignore[assignment]
 
 
 def _update_best(

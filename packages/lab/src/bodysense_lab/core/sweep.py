@@ -63,7 +63,9 @@ def sweep(
                 }
                 while waiting:
                     ended, waiting = wait(waiting, timeout=1.0, return_when=FIRST_COMPLETED)
-                    bars.update(bar, completed=done + sum(_logged_step(logs, name, steps[name]) for name in todo))
+                    lines = {name: read_log(logs / f"{name}.jsonl")[-1:] for name in todo}
+                    now = sum(min(steps[name], line["step"]) for name, last in lines.items() for line in last)
+                    bars.update(bar, completed=done + now)
                     for future in ended:
                         console.print(future.result(), highlight=False)
             return
@@ -84,9 +86,3 @@ def sweep(
 
 def discard_progress(progress: Progress) -> None:
     """Report nothing; the log is read instead."""
-
-
-def _logged_step(logs: Path, name: str, steps: int) -> int:
-    """Return the step of the last line of a log."""
-    lines = read_log(logs / f"{name}.jsonl")
-    return min(steps, lines[-1]["step"]) if lines else 0

@@ -23,6 +23,10 @@ _NEAR, _FAR = 0.1, 60.0  # m
 _SHADOW = 1024  # cells of a side of the shadow map
 _SHADOW_REACH = 1.25  # m, half the side of the shadow map, around the body
 _SAMPLES = 4  # samples per pixel
+_HALF = np.pi / 2
+_CUBE_SIDES = quaternion_exp(  # (6, 4) wxyz: turns of its front
+    np.array([(0, 0, 0), (0, _HALF, 0), (0, np.pi, 0), (0, -_HALF, 0), (_HALF, 0, 0), (-_HALF, 0, 0)], dtype=float)
+)
 _CUBE = np.array([[-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, -1, 1], [1, 1, 1], [-1, 1, 1]], np.float32) / 2
 
 
@@ -209,9 +213,10 @@ def _room(scene: Scene, around: np.ndarray, turn: np.ndarray) -> np.ndarray:
     for box in scene.furniture:
         own, depth = quaternion_exp(np.array([0.0, box.turn, 0.0])), float(np.hypot(*box.size[[0, 2]])) / 2
         middle = np.array([*box.middle[:2], max(box.middle[2], back + depth)])  # in front of the wall
-        for face, normal in map(_cube_side, range(6)):
-            place = quaternion_rotate(own, face * box.size) + middle
-            rows.append((place, quaternion_rotate(own, normal), box.color, 0.0))
+        for side in _CUBE_SIDES:
+            place = quaternion_rotate(own, quaternion_rotate(side, _CUBE.astype(float)) * box.size) + middle
+            normal = quaternion_rotate(own, quaternion_rotate(side, np.array([0.0, 0.0, 1.0])))
+            rows.append((place, normal, box.color, 0.0))
     parts = []
     for place, normal, color, pattern in rows:
         turned, facing = quaternion_rotate(turn, place) + around, quaternion_rotate(turn, np.array(normal, float))
@@ -245,10 +250,3 @@ def _world_to_axes(axes: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 def _bytes(matrix: np.ndarray) -> bytes:
     return matrix.T.astype(np.float32).tobytes()
-
-
-def _cube_side(side: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the corners (6, 3) of two triangles and the normal (3,) of a side of the unit cube."""
-    turns = [(0, 0, 0), (0, np.pi / 2, 0), (0, np.pi, 0), (0, -np.pi / 2, 0), (np.pi / 2, 0, 0), (-np.pi / 2, 0, 0)]
-    turn = quaternion_exp(np.array(turns[side], dtype=float))
-    return np.asarray(quaternion_rotate(turn, _CUBE.astype(float))), quaternion_rotate(turn, np.array([0.0, 0.0, 1.0]))

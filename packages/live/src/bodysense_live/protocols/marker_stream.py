@@ -60,12 +60,8 @@ def _values(message: bytes) -> list[Any] | None:
     well_formed = (
         len(values) % 4 == 1
         and all(isinstance(name, str) for name in values[1::4])
-        and all(_is_number(value) for k, value in enumerate(values) if k % 4 != 1)
+        and all(type(value) in (int, float) for k, value in enumerate(values) if k % 4 != 1)
         and len(set(values[1::4])) == len(values[1::4])
         and math.isfinite(values[0])  # type: ignore[arg-type]
     )
     return values if well_formed else None
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -145,11 +145,7 @@ def _pose(message: Message, now: float) -> TrackedDevice | str:
         return f"{message.address} is not finite, or farther than {FARTHEST:g} m away"
     turn = None
     if _POSES[message.address] == "headset":
-        turn = turned_about(_from_unity_euler(values[3:]))  # a headset's −Z is forward
+        # Unity's Euler angles x, y, z in degrees, applied about Z, then X, then Y, in a left-handed world.
+        turned = euler_to_quaternion(np.deg2rad(np.remainder(values[3:], 360.0))[[1, 0, 2]], "YXZ")
+        turn = turned_about(turned * np.array([1.0, 1.0, -1.0, -1.0]))  # a headset's −Z is forward
     return TrackedDevice(_POSES[message.address], unity_position(values[:3]), turn, now, raw=True)
-
-
-def _from_unity_euler(angles: np.ndarray) -> np.ndarray:
-    """Return our quaternion (4,) wxyz of Unity's Euler angles x, y, z in degrees, applied about Z, then X, then Y."""
-    turned = euler_to_quaternion(np.deg2rad(np.remainder(angles, 360.0))[[1, 0, 2]], "YXZ")
-    return turned * np.array([1.0, 1.0, -1.0, -1.0])

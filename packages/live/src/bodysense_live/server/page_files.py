@@ -57,11 +57,9 @@ def library_file(name: str) -> bytes:
     """Return the bytes of one of `LIBRARY_FILES`."""
     package, file = LIBRARY_FILES[name]
     content = files(package).joinpath(file).read_bytes()
-    return _packed(content) if name == f"{file}.gz" else content
-
-
-def _packed(content: bytes) -> bytes:
-    """Return content as gzip. Weights hardly repeat, so that looking for fewer repeats makes them 1 % smaller."""
+    if name != f"{file}.gz":
+        return content
+    # Weights hardly repeat, so that looking for fewer repeats makes them 1 % smaller.
     packer = zlib.compressobj(9, zlib.DEFLATED, 31, 9, zlib.Z_FILTERED)  # 31: gzip's header, without a time
     return packer.compress(content) + packer.flush()
 

@@ -119,8 +119,11 @@ class BodyDisplay:
         self._set_regions(settings)
 
     def _set_regions(self, settings: Settings) -> None:
-        self._settings, regions = settings, set(settings.regions)
-        self._still = np.array([_region(name) not in {None, *regions} for name in self._joints])
+        self._settings = settings
+        parts = [name.removeprefix("left_").removeprefix("right_") for name in self._joints]
+        # The pelvis belongs to no region: it always moves.
+        still = [part != "pelvis" and _PARTS.get(part, "fingers") not in settings.regions for part in parts]
+        self._still = np.array(still)
         self._keeps_still = bool(self._still.any())
 
     def apply(self, settings: Settings) -> None:
@@ -143,7 +146,11 @@ class BodyDisplay:
         root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
         moment = float(observation.time[0])
         if self._eased:
-            self._ease(observation, estimate.points[0])
+            seen = [name for k, name in enumerate(observation.points) if observation.has_position[0, k]]
+            points = estimate.points[0]
+            before, self._seen_before = self._seen_before, (seen, points)
+            if before is not None and before[0] != seen and np.abs(points - before[1]).max() > JUMP:
+                self.blend_next()  # the body jumps because a point is lost or found
         error, hidden, contact = estimate.confidence[0], 1.0 - estimate.measured[0], estimate.contact[0]
         before = root, rotation
         if self._keeps_still:
@@ -160,18 +167,3 @@ class BodyDisplay:
     def truth(self, skeleton: Skeleton, root: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return a true pose, (3,) m and (J, 4), mirrored as the answer is."""
         return mirrored(skeleton, root, rotation) if self._settings.mirror else (root, rotation)
-
-    def _ease(self, observation: Observation, points: np.ndarray) -> None:
-        """Blend if the body jumps when a point is lost or found. `points`: (P, 3) m."""
-        seen = [name for k, name in enumerate(observation.points) if observation.has_position[0, k]]
-        before, self._seen_before = self._seen_before, (seen, points)
-        if before is not None and before[0] != seen and np.abs(points - before[1]).max() > JUMP:
-            self.blend_next()
-
-
-def _region(joint: str) -> Region | None:
-    """Return the region of a joint; None for the pelvis, which always moves."""
-    part = joint.removeprefix("left_").removeprefix("right_")
-    if part == "pelvis":
-        return None
-    return _PARTS.get(part, "fingers")

@@ -103,19 +103,16 @@ class Recorder:
 
     def _append(self, piece: Sequence[Answer]) -> None:
         assert self._writer is not None
+        root = np.stack([answer.pose.root_position for answer in piece])
+        # A body whose legs have another length than the recording's stands on the floor, too.
+        root[:, 1] += _root_height(self._skeleton) - np.array([_root_height(one.pose.skeleton) for one in piece])
         pose = Pose(
             self._skeleton,
-            np.stack([self._root_position(answer.pose) for answer in piece]),
+            root,
             np.stack([answer.pose.rotation for answer in piece]),
         )
         self._writer.append(np.array([answer.moment for answer in piece]), pose)
         self._last = piece[-1].moment
-
-    def _root_position(self, pose: Pose) -> np.ndarray:
-        """Return the root's position on the recording's skeleton, whose legs may have another length, (3,) m."""
-        if pose.skeleton is self._skeleton:
-            return pose.root_position
-        return pose.root_position + np.array([0.0, _root_height(self._skeleton) - _root_height(pose.skeleton), 0.0])
 
     def _next_file(self) -> str | None:
         """Finish the current file and begin the next one. Return why the recording must end, or None."""

@@ -276,7 +276,10 @@ class Session:
     def answer(self, job: CompletionJob, estimate: Estimate, state: PipelineState) -> Answer | None:
         """Finish a job. Return the pose, or None if the estimate contains NaN."""
         self._busy = False
-        self._report_doubts(estimate.notices)
+        # Each of the tracker's doubts about the signal's world once: a tracker that is reset looks again.
+        new = [text for text in estimate.notices if text not in self.doubts][: _MOST_DOUBTS - len(self.doubts)]
+        self.doubts += new
+        self._messages += [Notice(text) for text in new]
         root, rotation = np.asarray(estimate.pose.root_position[0]), np.asarray(estimate.pose.rotation[0])
         if not math.isfinite(np.vdot(root, root) + np.vdot(rotation, rotation)):
             self._state = self._pipeline.start()  # otherwise NaN would stay in the state
@@ -289,12 +292,6 @@ class Session:
             self._infer_height()
         pose, sent, points = self._display.step(self.skeleton, job.observation, estimate, job.frame)
         return Answer(job.frame, sent, pose, moment, job.received, points, job.placement)
-
-    def _report_doubts(self, notices: Sequence[str]) -> None:
-        """Send the tracker's doubts about the signal's world, each once: a tracker that is reset looks again."""
-        new = [text for text in notices if text not in self.doubts][: _MOST_DOUBTS - len(self.doubts)]
-        self.doubts += new
-        self._messages += [Notice(text) for text in new]
 
     def step(self) -> Answer | None:
         """Complete the pending frame. Return its pose, or None without a frame."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import chain
 from typing import Literal, get_args
 
 import numpy as np
@@ -87,9 +88,17 @@ def _draw_carried(family: Family, rng: np.random.Generator, ranges: SignalRanges
     share = rng.uniform(*ranges.density)
     if family == "named":
         names = list(INERTIAL_SETS)
-        return _carried(SENSOR_SETS[names[int(rng.integers(len(names)))]])
+        sensors = SENSOR_SETS[names[int(rng.integers(len(names)))]]
+        carried: dict[str, Quantity] = dict.fromkeys(sensors.rotation, "rotation")
+        for name in sensors.position:
+            carried[name] = "both" if name in carried else "position"
+        return carried
     if family == "suit":
-        return dict.fromkeys(_suit_joints(rng), "rotation")
+        drawn, share = rng.uniform(), rng.uniform(0.4, 1.0)
+        parts = _UPPER if drawn < 0.2 else _LOWER if drawn < 0.45 else (*_UPPER, *_LOWER)
+        chosen = [part for part in parts if rng.uniform() < share]
+        joints = ((part,) if part in BODY else (f"{side}_{part}" for side in SIDES) for part in chosen)
+        return dict.fromkeys(chain.from_iterable(joints), "rotation")
     if family == "positions":
         return dict.fromkeys((name for name in INPUT_POINTS if rng.uniform() < share), "position")
     if family == "rotations":
@@ -107,23 +116,8 @@ def _draw_carried(family: Family, rng: np.random.Generator, ranges: SignalRanges
     return carried
 
 
-def _suit_joints(rng: np.random.Generator) -> list[str]:
-    """Draw joints with inertial sensors: those of a half of the body, or of all of it."""
-    drawn, share = rng.uniform(), rng.uniform(0.4, 1.0)
-    parts = _UPPER if drawn < 0.2 else _LOWER if drawn < 0.45 else (*_UPPER, *_LOWER)
-    chosen = [part for part in parts if rng.uniform() < share]
-    return [name for part in chosen for name in ((part,) if part in BODY else (f"{side}_{part}" for side in SIDES))]
-
-
 def _draw_quantity(name: str, rng: np.random.Generator) -> Quantity:
     return QUANTITIES[int(rng.integers(len(QUANTITIES)))] if name in BODY else "position"
-
-
-def _carried(sensors: SensorSet) -> dict[str, Quantity]:
-    carried: dict[str, Quantity] = dict.fromkeys(sensors.rotation, "rotation")
-    for name in sensors.position:
-        carried[name] = "both" if name in sensors.rotation else "position"
-    return carried
 
 
 def _split(carried: Mapping[str, Quantity]) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -68,7 +68,8 @@ def freeze(clip: Clip, rng: np.random.Generator) -> MadeDefect | None:
         rotation, index = np.array(clip.pose.rotation), clip.pose.skeleton.indices(joints)
         rotation[first : first + count, index] = rotation[first - 1, index]
         made = _with_rotation(clip, rotation)
-        if _distance(clip, made, joints[-1])[first : first + count].mean() > MOVED:
+        truth, frozen = (np.asarray(forward_kinematics(one.pose)[0])[first : first + count] for one in (clip, made))
+        if np.linalg.norm((truth - frozen)[:, index[-1]], axis=-1).mean() > MOVED:
             return MadeDefect("freeze", made, joints, first, first + count - 1)
     return None
 
@@ -150,13 +151,6 @@ def _place(clip: Clip, count: int, rng: np.random.Generator) -> int:
     """Return the first frame of `count`, with true motion on both sides."""
     lead = round(LEAD * clip.frame_rate)
     return int(rng.integers(lead, max(lead + 1, len(clip) - count - lead)))
-
-
-def _distance(one: Clip, other: Clip, joint: str) -> np.ndarray:
-    """Return the distances (T,) m of a joint in two clips."""
-    index = one.pose.skeleton.index(joint)
-    places = [np.asarray(forward_kinematics(clip.pose)[0])[:, index] for clip in (one, other)]
-    return np.linalg.norm(places[0] - places[1], axis=-1)
 
 
 def _with_rotation(clip: Clip, rotation: np.ndarray) -> Clip:

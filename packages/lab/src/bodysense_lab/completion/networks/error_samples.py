@@ -190,9 +190,16 @@ def sampled_scenes(data: Path, limit: int | None, backward: bool, seed: int = 9)
     recorded: dict[tuple[Truth, bool], list[list[TrackedScene]]] = {}
     for split in splits:
         wearers = (clip for clip in training_clips(data, split, limit) if clip.category in HEADSET_CATEGORIES)
-        clips = [_middle_part(clip) for clip in wearers]
-        if split == "train":
-            clips = _few_of_each_person(clips)
+        clips: list[Clip] = []
+        for clip in wearers:
+            frames = int(np.ceil(_LONGEST * clip.frame_rate))
+            first = max(0, (len(clip) - frames) // 2)  # the middle of a longer clip
+            clips.append(replace(clip, pose=clip.pose[first : first + frames]))
+        if split == "train":  # few of each person
+            by_person: dict[str, list[Clip]] = {}
+            for clip in clips:
+                by_person.setdefault(clip.person, []).append(clip)
+            clips = [clip for of in by_person.values() for clip in of[:: max(1, len(of) // _CLIPS)][:_CLIPS]]
         clips += list(posture_clips(clips))
         for truth in truths:
             found = [[scene_of(clip, truth, split) for clip in batch] for batch in batches(clips)]
@@ -208,17 +215,3 @@ def sampled_scenes(data: Path, limit: int | None, backward: bool, seed: int = 9)
 
 def _reversed(batch: Sequence[TrackedScene]) -> list[TrackedScene]:
     return [replace(scene, pose=scene.pose[::-1]) for scene in batch]
-
-
-def _middle_part(clip: Clip) -> Clip:
-    """Return the middle `_LONGEST` seconds of a clip."""
-    frames = int(np.ceil(_LONGEST * clip.frame_rate))
-    first = max(0, (len(clip) - frames) // 2)
-    return replace(clip, pose=clip.pose[first : first + frames])
-
-
-def _few_of_each_person(clips: list[Clip]) -> list[Clip]:
-    by_person: dict[str, list[Clip]] = {}
-    for clip in clips:
-        by_person.setdefault(clip.person, []).append(clip)
-    return [clip for own in by_person.values() for clip in own[:: max(1, len(own) // _CLIPS)][:_CLIPS]]

@@ -83,11 +83,7 @@ def rounded(values: np.ndarray, moment: np.ndarray) -> np.ndarray:
         remaining[:, later] -= error[:, None] * inverse[place, place + 1 :]
         counts[:, column] = count
     nearest = np.round(values / step[:, None])
-    error, plain = (_squares(each * step[:, None] - values, moment) for each in (counts, nearest))
+    offs = [each * step[:, None] - values for each in (counts, nearest)]
+    error, plain = (np.einsum("nk,nk->n", off @ moment, off) for off in offs)  # mean squares of products
     counts = np.where((error < plain)[:, None], counts, nearest)
     return (counts * step[:, None]).astype(np.float32)
-
-
-def _squares(off: np.ndarray, moment: np.ndarray) -> np.ndarray:
-    """Return mean squares (N,) of the errors of products, for errors of weights (N, K)."""
-    return np.einsum("nk,nk->n", off @ moment, off)

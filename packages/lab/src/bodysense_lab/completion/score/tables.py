@@ -206,6 +206,11 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
     `census` counts the scored clips, and `total` is the number of clips of the split.
     """
     bodies, numbers = table.settings.bodies, finite(table.numbers())
+    data_lines = [describe_data(data, census)]
+    if census.clips < total:
+        sensors, body = table.settings.sets[0], bodies[0]
+        cell = f"{sensors.replace('_', ' ')}, {BODY_TITLES[body]}"
+        data_lines.append(sample_remark(census.clips, total, cell, table.interval(sensors, body)))
     short = Report(
         name="completion",
         title="Completion: sensor sets × bodies (main categories, MPJPE in cm)",
@@ -215,7 +220,7 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
             for name in table.settings.sets
         ),
         numbers=numbers | census.numbers() | {"clips_in_split": total},
-        data=(describe_data(data, census), *_sample(table, census.clips, total)),
+        data=tuple(data_lines),
         remarks=tuple(_remarks(table)),
         remarks_title="For comparison",
         caption="22 joints from the head; headset camera: hidden joints, in the world. Own body: the recording's, "
@@ -236,14 +241,6 @@ def completion_reports(table: CompletionTable, census: Census, data: DataSet, to
         digits=2,
     )
     return short, whole, _sight_report(table, numbers), _interval_report(table), _confidence_report(table)
-
-
-def _sample(table: CompletionTable, clips: int, total: int) -> Iterator[str]:
-    if clips < total:
-        sensors, body = table.settings.sets[0], table.settings.bodies[0]
-        yield sample_remark(
-            clips, total, f"{sensors.replace('_', ' ')}, {BODY_TITLES[body]}", table.interval(sensors, body)
-        )
 
 
 def sample_remark(clips: int, total: int, figure: str, one: Interval) -> str:

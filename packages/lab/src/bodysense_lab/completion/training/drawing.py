@@ -45,7 +45,13 @@ class Drawing:
         """Yield sequences without end. The workers end with the iterator, or with this process."""
         shutil.rmtree(self.folder, ignore_errors=True)
         make_folder(self.folder)
-        workers = [self._start(seed, worker) for worker in range(self.processes)]
+        # Spawned, not forked: a fork of a process that has threads (BLAS, PyTorch) can hang.
+        spawned = get_context("spawn").Process
+        workers: list[BaseProcess] = [
+            spawned(target=_fill, args=(self, seed, one), daemon=True) for one in range(self.processes)
+        ]
+        for worker in workers:
+            worker.start()
         played = dict.fromkeys(range(self.places), 0)
         try:
             while True:
@@ -63,12 +69,6 @@ class Drawing:
             for worker in workers:
                 worker.terminate()
             shutil.rmtree(self.folder, ignore_errors=True)
-
-    def _start(self, seed: int, worker: int) -> BaseProcess:
-        # Spawned, not forked: a fork of a process that has threads (BLAS, PyTorch) can hang.
-        process = get_context("spawn").Process(target=_fill, args=(self, seed, worker), daemon=True)
-        process.start()
-        return process
 
     def _wait(self, path: Path, workers: list[BaseProcess]) -> bool:
         """Wait for a file. Return False if another one may be played again instead.

@@ -54,7 +54,8 @@ def losses(
     size = signal.size[:, None, None, None]
     error, rotation, true_rotation = prediction_errors(network, prediction, batch)
     both = valid[:, 1:] & valid[:, :-1]
-    turn_weight, place_weight = _joint_weights(signal.size)
+    turn_weight = size.new_tensor([_TURN_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY])
+    place_weight = size.new_tensor([_PLACE_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY_POINTS])
     angle = (rotation - true_rotation).abs().mean(dim=(-2, -1)) * turn_weight
     parents = network.bone_parents[: JOINTS - 1]
     local, true_local = (turned[..., parents, :, :].mT @ turned[..., 1:, :, :] for turned in (rotation, true_rotation))
@@ -83,13 +84,6 @@ def losses(
     terms["contact"] = mean_over(valid, contact) * weights.contact
     terms["error"] = mean_over(valid, laplace_loss(error, prediction.error)) * weights.error
     return with_sum(terms)
-
-
-def _joint_weights(like: Tensor) -> tuple[Tensor, Tensor]:
-    """Return weights of the rotations (22,) and of the positions (25,) on the device of `like`."""
-    turn = [_TURN_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY]
-    place = [_PLACE_WEIGHT.get(name.rpartition("_")[2], 1.0) for name in BODY_POINTS]
-    return like.new_tensor(turn), like.new_tensor(place)
 
 
 def prediction_errors(

@@ -84,7 +84,11 @@ class Example:
 
 def most_bent(clip: Clip, count: int) -> list[Example]:
     """Return an example of each of `count` equal parts of a motion: the hand whose fingers are bent most."""
-    bent = np.stack([_bend(clip.pose, side) for side in SIDES], axis=-1)  # (T, 2)
+    skeleton = clip.pose.skeleton
+    wrists = skeleton.wrist_of[: len(skeleton.joints)]
+    hands = [np.flatnonzero(wrists == skeleton.index(f"{side}_wrist")) for side in SIDES]
+    angle = np.linalg.norm(quaternion_log(np.asarray(clip.pose.rotation)), axis=-1)
+    bent = np.stack([angle[:, joints].sum(axis=-1) for joints in hands], axis=-1)  # (T, 2) rad
     examples = []
     for part in _parts(len(clip), count):
         frame, side = np.unravel_index(np.argmax(bent[part]), (len(part), 2))
@@ -121,24 +125,12 @@ def _block(truth: Pose, predicted: Pose, example: Example) -> np.ndarray:
     body = next(draw_pose(truth[now], camera))
     hands = []
     for title, pose in (("truth", truth[now]), ("from the body", predicted[now])):
-        near = _close_up(pose, example.side, camera.turn)
+        middle = np.asarray(forward_kinematics(pose)[0])[0, pose.skeleton.index(f"{example.side}_middle1")]
+        scale = pose.skeleton.height / 1.7
+        height = float(middle[1]) - scale * _HAND.aim
+        near = FollowingCamera(_HAND, middle[None, [0, 2]], camera.turn, height, scale)
         hands += [caption([title], _HAND.width), next(draw_pose(pose, near))]
     return np.concatenate([body, np.concatenate(hands)], axis=1)
-
-
-def _close_up(pose: Pose, side: str, turn: float) -> FollowingCamera:
-    """Return a camera near a hand, at the height of its middle."""
-    skeleton = pose.skeleton
-    middle = np.asarray(forward_kinematics(pose)[0])[0, skeleton.index(f"{side}_middle1")]
-    scale = skeleton.height / 1.7
-    return FollowingCamera(_HAND, middle[None, [0, 2]], turn, float(middle[1]) - scale * _HAND.aim, scale)
-
-
-def _bend(pose: Pose, side: str) -> np.ndarray:
-    """Return the sum of the angles (T,) rad of a hand's joints."""
-    skeleton = pose.skeleton
-    joints = np.flatnonzero(skeleton.wrist_of[: len(skeleton.joints)] == skeleton.index(f"{side}_wrist"))
-    return np.linalg.norm(quaternion_log(np.asarray(pose.rotation)[:, joints]), axis=-1).sum(axis=-1)
 
 
 def _parts(length: int, count: int) -> list[np.ndarray]:

@@ -64,7 +64,10 @@ class NatnetClient:
                 # A server that was started anew does not know this client.
                 begins = is_quiet or self._conversation.version is None
                 self._send(self._conversation.begin() if begins else self._conversation.keep_alive())
-                self._join()
+                multicast = self._conversation.multicast
+                if multicast is not None and len(self._sockets) == 1:  # the server sends to a group
+                    with contextlib.suppress(OSError):  # tried again soon
+                        self._sockets.append(_joined(multicast, self._server[0]))
             ready, _, _ = select.select(self._sockets, [], [], max(next_packet - now, 0))
             frames: list[StreamFrame] = []
             for sock in ready:
@@ -95,13 +98,6 @@ class NatnetClient:
         for packet in packets:
             with contextlib.suppress(OSError):  # sent again soon
                 self._sockets[0].sendto(packet, self._server)
-
-    def _join(self) -> None:
-        """Join the server's group, if it sends to one."""
-        multicast = self._conversation.multicast
-        if multicast is not None and len(self._sockets) == 1:
-            with contextlib.suppress(OSError):  # tried again soon
-                self._sockets.append(_joined(multicast, self._server[0]))
 
 
 def _joined(multicast: Multicast, address: str) -> socket.socket:

@@ -68,7 +68,15 @@ def over_clips(
     work: Work[F], clips: Iterable[Clip], jobs: int, advance: Callable[[Clip], None]
 ) -> tuple[dict[str, F], Census]:
     """Return the figures of all clips with fingers by group of categories; `advance` is called after every clip."""
-    return gather_results(partial(_of_clip, work=work), _with_fingers(clips, advance), jobs, advance)
+
+    def with_fingers() -> Iterator[Clip]:
+        for clip in clips:
+            if clip.has_fingers:
+                yield clip
+            else:
+                advance(clip)
+
+    return gather_results(partial(_of_clip, work=work), with_fingers(), jobs, advance)
 
 
 def over_seeds(work: Work[F], seeds: Iterable[Piece], jobs: int, advance: Callable[[], None]) -> F:
@@ -82,14 +90,6 @@ def over_seeds(work: Work[F], seeds: Iterable[Piece], jobs: int, advance: Callab
         advance()
     assert found is not None, "a table has at least one piece"
     return found
-
-
-def _with_fingers(clips: Iterable[Clip], advance: Callable[[Clip], None]) -> Iterator[Clip]:
-    for clip in clips:
-        if clip.has_fingers:
-            yield clip
-        else:
-            advance(clip)
 
 
 def _of_clip(clip: Clip, work: Work[F]) -> dict[str, F]:

@@ -76,11 +76,18 @@ def limits_report(
         sentences = [describe_data(data, census), *sentences]
     heights = " and ".join(f"{height:+g}" for height in cameras.heights)
     sentences.append(f"{cameras.count} cameras, {cameras.radius:g} m from the hands, {heights} m above them.")
+    rows: list[tuple[Cell, ...]] = []
+    for place in places:
+        for line in LINES:
+            values = [None if key is None else numbers[place].get(key) for key in line.keys]
+            if any(one is not None for one in values):
+                cells = (None if one is None else line.factor * one for one in values)
+                rows.append((place, line.limit, line.figure, *cells))
     return Report(
         name="gloves-limits",
         title="Two hands: its limits",
         columns=("motion", "limit", "figure", "truth", "without rejection", "output"),
-        rows=tuple(row for place in places for row in _rows(place, numbers[place])),
+        rows=tuple(rows),
         numbers=finite(_flat(numbers)) | (census.numbers() if data else {}),
         data=tuple(sentences),
         remarks=tuple(_remarks(numbers)),
@@ -100,13 +107,6 @@ def _flat(numbers: Mapping[str, Mapping[str, float]]) -> dict[str, float]:
         suffix = "" if place in ("main", SYNTHESISED) else f"_{place}"
         flat |= {f"{prefix}{key}{suffix}": value for key, value in values.items()}
     return flat
-
-
-def _rows(place: str, values: Mapping[str, float]) -> Iterator[tuple[Cell, ...]]:
-    for line in LINES:
-        cells = [None if key is None or key not in values else line.factor * values[key] for key in line.keys]
-        if any(one is not None for one in cells):
-            yield (place, line.limit, line.figure, *cells)
 
 
 def _remarks(numbers: Mapping[str, Mapping[str, float]]) -> Iterator[str]:

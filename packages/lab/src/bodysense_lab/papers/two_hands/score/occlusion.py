@@ -112,24 +112,21 @@ def occlusion_report(counted: Counted, cameras: CameraRing, data: DataSet | None
     minutes = sum(settings["both"].at_once.sum() for settings in counted.values()) / 60
     synthesised = f"Synthesised motion of two hands, {minutes:.1f} minutes; no body stands in the way."
     main = counted.get("main") or next(iter(counted.values()))
+    heights = " and ".join(f"{height:+g}" for height in cameras.heights)
+    ring = (
+        f"{cameras.count} cameras, {cameras.radius:g} m from the hands, {heights} m above them; a marker is found "
+        f"where {cameras.least} see it within {cameras.beam:g}° of the way that it faces."
+    )
     return Report(
         name="gloves-occlusion",
         title="Two hands, Figs 13 and 14: hidden markers of gloves",
         columns=("motion", "", *SETTINGS.values(), "published, one hand"),
         rows=tuple(row for group in GROUPS if group in counted for row in _rows(group, counted[group])),
         numbers=numbers_of(counted) | (census.numbers() if data else {"minutes": minutes}),
-        data=(describe_data(data, census) if data else synthesised, _camera_text(cameras)),
+        data=(describe_data(data, census) if data else synthesised, ring),
         remarks=tuple(_remarks(main)),
         caption="Share of the time, %; of the spans in which a marker is hidden, %; their median, s. One hand: the "
         f"other is taken away. Both hands: of {2 * len(MARKERS)} markers. At {RATE:g} Hz.",
-    )
-
-
-def _camera_text(cameras: CameraRing) -> str:
-    heights = " and ".join(f"{height:+g}" for height in cameras.heights)
-    return (
-        f"{cameras.count} cameras, {cameras.radius:g} m from the hands, {heights} m above them; a marker is found "
-        f"where {cameras.least} see it within {cameras.beam:g}° of the way that it faces."
     )
 
 
@@ -139,18 +136,13 @@ def _rows(group: str, settings: Mapping[Setting, MarkerHiding]) -> Iterator[tupl
     for n in range(1, 5):
         yield (group, f"{n} hidden at once", *(100 * float(one.shares[n]) for one in columns), None)
     yield (group, "5 or more hidden", *(100 * float(one.shares[5:].sum()) for one in columns), None)
+    few = [one.at_once[1:5].sum() for one in columns]
     for n, published in enumerate(PUBLISHED_AT_ONCE, start=1):
-        shares = [cell(_of_few(one, n)) for one in columns]
-        yield (group, f"{n}, where 1 to 4 are", *(share and 100 * share for share in shares), 100 * published)
+        shares = (100 * float(one.at_once[n] / most) if most else None for one, most in zip(columns, few, strict=True))
+        yield (group, f"{n}, where 1 to 4 are", *shares, 100 * published)
     shorter = [cell(100 * one.shorter(SHORT)) for one in columns]
     yield (group, f"spans below {SHORT:g} s", *shorter, 100 * PUBLISHED_SHORT)
     yield (group, "median span, s", *(float(np.median(one.spans)) if len(one.spans) else None for one in columns), None)
-
-
-def _of_few(hiding: MarkerHiding, n: int) -> float:
-    """Return the share of n hidden markers in the time with one to four; NaN without such time."""
-    few = hiding.at_once[1:5].sum()
-    return float(hiding.at_once[n] / few) if few else float("nan")
 
 
 def _remarks(main: Mapping[Setting, MarkerHiding]) -> Iterator[str]:

@@ -109,12 +109,17 @@ def marker_report(table: GloveTable) -> Report:
 
 def finger_report(table: GloveTable) -> Report:
     """Table 4, with inverse kinematics by cyclic coordinate descent."""
+    remarks: list[str | None] = []
+    for method in ("ik", "ik_tuned"):
+        lower, higher = (table.tally(one, 0, 0.0).named(_STILL[one]) for one in ("nn", method))
+        title = f"The network is better than {_STILL[method]}, nothing hidden"
+        remarks.append(ordering(title, lower, [higher], "cm"))
     return _report(
         table,
         "gloves-table4",
         "Table 4: joints of fingers",
         FINGER_LINES,
-        remarks=_finger_remarks(table),
+        remarks=filter(None, remarks),
         caption="Mean error of the second and third joint and the tip of every finger (p1, p2, p3), in the world, cm; "
         f"{SEEDS} seeds, a trial every {STRIDE / 60:g} s at each, of one hand whose markers are right. "
         "With nothing hidden duration means nothing.",
@@ -202,11 +207,3 @@ def _marker_remarks(table: GloveTable) -> Iterator[str]:
         held = "holds" if better else "does not hold"
         text = f"The network is better than {METHODS[method]} in every cell: {held}"
         yield f"{text}; the interval over people carries it in {sure} of {len(cells)}."
-
-
-def _finger_remarks(table: GloveTable) -> Iterator[str]:
-    for method in ("ik", "ik_tuned"):
-        lower, higher = (table.tally(one, 0, 0.0).named(_STILL[one]) for one in ("nn", method))
-        remark = ordering(f"The network is better than {_STILL[method]}, nothing hidden", lower, [higher], "cm")
-        if remark is not None:
-            yield remark

@@ -176,22 +176,21 @@ def occlusion_report(counted: Sequence[tuple[DataSet, Counted, Census]]) -> Repo
 def occlusion_table(columns: Sequence[Column]) -> Report:
     """Return our columns next to the published ones."""
     every = [*columns, *PUBLISHED]
+    rows: list[tuple[Cell, ...]] = [
+        ("frames", *(one.frames for one in every)),
+        ("frames/s", *(", ".join(f"{rate:g}" for rate in one.frame_rates) for one in every)),
+    ]
+    for key, (label, factor) in FIGURES.items():
+        rows.append((label, *(factor * one.figures[key] if key in one.figures else None for one in every)))
     return Report(
         name="unoc-table1",
         title="UNOC, Table 1: occlusion and contact",
         columns=("", *(one.name for one in columns), *(f"{one.name}, published" for one in PUBLISHED)),
-        rows=tuple(_rows(every)),
+        rows=tuple(rows),
         numbers={f"{one.name}_{key}": value for one in columns for key, value in one.figures.items()},
         caption="Share of time hidden; mean length of the spans of hiding. What is hidden is the joint of either side, "
         "three points of a foot, every point of a hand.",
     )
-
-
-def _rows(columns: Sequence[Column]) -> Iterator[tuple[Cell, ...]]:
-    yield ("frames", *(one.frames for one in columns))
-    yield ("frames/s", *(", ".join(f"{rate:g}" for rate in one.frame_rates) for one in columns))
-    for key, (label, factor) in FIGURES.items():
-        yield (label, *(factor * one.figures[key] if key in one.figures else None for one in columns))
 
 
 def _remarks(columns: Sequence[Column]) -> Iterator[str]:
