@@ -94,7 +94,10 @@ def fill(
         if guess is not None and not sided:
             inside = guess[first:end]
         elif guess is not None and end - first > 1 and not (both and (end - first) * seconds <= BRIEF):
-            share = trust.weight(_distance(first, end, len(missing)) * seconds, both)
+            # The distance from known frames, in frames: harmonic between two sides.
+            count = np.arange(1.0, end - first + 1)
+            nearness = (first > 0) / count + (end < len(missing)) / count[::-1]
+            share = trust.weight(seconds / nearness, both)
             inside = slerp(inside, _bend_guess(result, guess[first:end], first, end, seconds), share)
         result[first:end] = quaternion_canonical(inside)
     return result
@@ -205,14 +208,6 @@ def _rate_at(turn: np.ndarray, speed: np.ndarray) -> np.ndarray:
 def coasting_weight(share: np.ndarray) -> np.ndarray:
     """Return the weight of a speed at a gap's edge, which falls from 1 there to 0 at share 1 of its coasting."""
     return np.maximum(0.0, 1 - share) ** 2
-
-
-def _distance(first: int, end: int, frames: int) -> np.ndarray:
-    """Return the distance (N,) of a gap's frames from known frames, in frames: harmonic between two sides."""
-    count = np.arange(1.0, end - first + 1)
-    before = count if first > 0 else np.full(len(count), np.inf)
-    after = count[::-1] if end < frames else np.full(len(count), np.inf)
-    return 1 / (1 / before + 1 / after)
 
 
 def _bend_guess(kept: np.ndarray, guess: np.ndarray, first: int, end: int, seconds: float) -> np.ndarray:

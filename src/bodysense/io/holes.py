@@ -118,19 +118,14 @@ def flat_lined(file: JointFile, rig: SourceJoints) -> np.ndarray:
             if end - first + 1 < least or body[first:end].all():
                 continue
             own = below(joint, file.parents)
-            if name.endswith("shoulder") and _moves_below(still[first:end, own], still[1:, own]):
+            turning = [other for other in own[1:] if not still[1:, other].all()]
+            if name.endswith("shoulder") and turning and (~still[first:end, turning]).mean() > _KEYED:
                 continue  # keyed by hand: a lost arm is lost as a whole
             for other in own:
                 moves = not still[1:, other].all() or other == joint or (always and other in limb)
                 if moves and still[first:end, other].all():
                     mask[first - 1 : end, other] = True
     return mask
-
-
-def _moves_below(during: np.ndarray, ever: np.ndarray) -> bool:
-    """Whether a joint's descendants (columns 1 …) move while it is still, of frames (N, J) that equal those before."""
-    turning = ~ever[:, 1:].all(axis=0)
-    return bool(turning.any() and (~during[:, 1:][:, turning]).mean() > _KEYED)
 
 
 def below(joint: int, parents: Sequence[int]) -> list[int]:

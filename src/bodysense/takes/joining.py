@@ -6,7 +6,6 @@ pose. Then local rotations of both passes are averaged, which keeps bone lengths
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -68,7 +67,9 @@ def lead_to_returns(rotation: Array, head: Array, seen: Array, seconds: float) -
     top = default_skeleton().index("head")
     for group, points in groups().items():
         joints = joints_of_group(group)
-        for frame, came in _returns(seen[:, points]):
+        returns = seen[1:, points] & ~seen[:-1, points]
+        for frame in (1 + np.flatnonzero(returns.any(axis=1))).tolist():
+            came = np.flatnonzero(returns[frame - 1])
             around = rotation[max(frame - 2, 0) : frame + 2, joints]
             turn = _jump(around, min(frame, 2), FASTEST_TURN * seconds)
             wanted = max(LEAD, LEAD_PER_TURN * float(np.linalg.norm(turn, axis=-1).max())) / seconds
@@ -82,13 +83,6 @@ def lead_to_returns(rotation: Array, head: Array, seen: Array, seconds: float) -
             if group == "trunk" and top in (points[k] for k in came):
                 head[span] += share[:, None] * (head[frame] - head[frame - 1])
     return rotation, head
-
-
-def _returns(seen: Array) -> Iterator[tuple[int, Array]]:
-    """Iterate over frames in which some of the points (T, N) are seen again, with these points."""
-    again = seen[1:] & ~seen[:-1]
-    for frame in np.flatnonzero(again.any(axis=1)).tolist():
-        yield frame + 1, np.flatnonzero(again[frame])
 
 
 def _jump(rotation: Array, frame: int, most: float) -> Array:

@@ -97,7 +97,10 @@ class GloveDevice:
             observation, virtual = self.virtual.step(observation, virtual)
         answers, hands = self.hands.step(observation, state.hands)
         others = without_gloves(observation)
-        alone = self.wearer is not None and not self._has_other_points(others)
+        # Nothing but inertial sensors of gloves: joints of hands with a rotation only.
+        joints = {f"{side}_{name}" for side in self.hands.hands for name in HAND_JOINTS}
+        places = others.has_position.any(axis=0)
+        alone = self.wearer is not None and joints.issuperset(others.points) and not places.any()
         assumed = ("head",) if alone else ()
         points = tuple(dict.fromkeys((*others.points, *self.points, *assumed)))
         more = points[len(others.points) :]
@@ -117,12 +120,6 @@ class GloveDevice:
             merged.has_rotation[np.ix_(seen, joints)] = True
         head = self._with_head(merged, state.head) if alone else state.head
         return merged, GloveState(hands, head, virtual)
-
-    def _has_other_points(self, observation: Observation) -> bool:
-        """Whether any point is not an inertial sensor of a glove, that is, a hand's joint with a rotation only."""
-        joints = {f"{side}_{name}" for side in self.hands.hands for name in HAND_JOINTS}
-        has_position = np.asarray(observation.has_position.any(axis=0))
-        return any(name not in joints or has_position[k] for k, name in enumerate(observation.points))
 
     @staticmethod
     def _turn_by_sensors(observation: Observation, joints: np.ndarray, rotation: np.ndarray) -> None:

@@ -98,9 +98,16 @@ def disturb(
     Accuracies are those of the disturbed points. Errors of hidden points continue. All sessions share the times, which
     jitter, too, and still increase.
     """
-    interval = _intervals(observation.time)
+    # Intervals (T,) s, and metres and degrees (..., T, P) since the frame before, 0 if unknown; the first frame's are
+    # the second's.
+    interval = np.full(len(observation), 1 / 72)
+    if len(observation) > 1:
+        interval[1:] = np.diff(observation.time)
+        interval[0] = interval[1]
     is_head = np.array([name == "head" for name in observation.points])
-    metres, turned = _steps(observation)
+    rotation = observation.rotation
+    metres = _first_repeated(np.linalg.norm(np.diff(observation.position, axis=-3), axis=-1))
+    turned = _first_repeated(np.degrees(geodesic_angle(rotation[..., 1:, :, :], rotation[..., :-1, :, :])))
     imu = np.asarray(observation.has_rotation.any(axis=-2) & ~observation.has_position.any(axis=-2))
     seen = ~(is_head | imu) & settings.cameras
     factor = np.where(is_head, settings.headset, settings.trackers) * ~(imu | seen)
@@ -141,20 +148,6 @@ def disturb(
         time=observation.time + np.clip(jitter, -latest, latest),
         acceleration=felt,
     )
-
-
-def _intervals(time: np.ndarray) -> np.ndarray:
-    """Return the interval (T,) s before every frame; the first frame's is the second's."""
-    if len(time) < 2:
-        return np.full(len(time), 1 / 72)
-    return np.concatenate([np.diff(time[:2]), np.diff(time)])
-
-
-def _steps(observation: Observation) -> tuple[np.ndarray, np.ndarray]:
-    """Return metres and degrees (..., T, P) since the frame before, 0 if unknown; the first frame has the second's."""
-    step = np.linalg.norm(np.diff(observation.position, axis=-3), axis=-1)
-    turn = np.degrees(geodesic_angle(observation.rotation[..., 1:, :, :], observation.rotation[..., :-1, :, :]))
-    return _first_repeated(step), _first_repeated(turn)
 
 
 def _first_repeated(step: np.ndarray) -> np.ndarray:

@@ -68,7 +68,10 @@ def model_for(place: Path, gender: str) -> BodyModel:
     """
     if not place.is_dir():
         return read_model(place)
-    files = {_gender_of(path.relative_to(place)): path for path in sorted(place.rglob("*.npz"), reverse=True)}
+    files: dict[str, Path] = {}
+    for path in sorted(place.rglob("*.npz"), reverse=True):
+        inside = path.relative_to(place).as_posix().lower()
+        files[next((one for one in GENDERS if one in inside), "")] = path
     if gender not in files:
         there = ", ".join(sorted(one for one in files if one)) or "none"
         raise BodysenseError(
@@ -76,10 +79,6 @@ def model_for(place: Path, gender: str) -> BodyModel:
             f"{gender or 'neutral'}/model.npz, or give one file for all bodies"
         )
     return read_model(files[gender])
-
-
-def _gender_of(path: Path) -> str:
-    return next((gender for gender in GENDERS if gender in path.as_posix().lower()), "")
 
 
 def read_model(path: Path) -> BodyModel:

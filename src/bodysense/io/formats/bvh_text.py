@@ -177,15 +177,13 @@ def _parsed(data: bytes, path: Path, stamp: tuple[int, int] | None = None) -> Bv
         doubts = (f"'Frames: {frames}' announces one frame fewer than there are; all {frames + 1} are read",)
         head = head[: timing.start(2)] + b"%d" % (frames + 1) + head[timing.end(2) :]
         frames += 1
-    if values.size != frames * channels and (width := _width_of_rows(data[timing.end() :], frames)) not in (
-        0,
-        channels,
-    ):
-        raise BodysenseError(
-            f"{path}: 'Frames: {frames}' announces {frames * channels} values ({channels} channels), but each row has "
-            f"{width}; the hierarchy is of another motion: export the file again"
-        )
     if values.size != frames * channels:
+        widths = [len(line.split()) for line in data[timing.end() :].splitlines() if line.strip()]
+        if len(widths) == frames and set(widths) != {channels} and len(set(widths)) == 1:
+            raise BodysenseError(
+                f"{path}: 'Frames: {frames}' announces {frames * channels} values ({channels} channels), but each row "
+                f"has {widths[0]}; the hierarchy is of another motion: export the file again"
+            )
         rows, rest = divmod(values.size, channels)
         raise BodysenseError(
             f"{path}: 'Frames: {frames}' announces {frames * channels} values ({channels} channels), but there are "
@@ -207,13 +205,6 @@ def _parsed(data: bytes, path: Path, stamp: tuple[int, int] | None = None) -> Bv
         frame_rate=rate,
         warnings=doubts,
     )
-
-
-def _width_of_rows(text: bytes, frames: int) -> int:
-    """Return the number of values in each row if all rows have as many and there is one for each frame, else 0."""
-    widths = {len(line.split()) for line in text.splitlines() if line.strip()}
-    lines = sum(bool(line.strip()) for line in text.splitlines())
-    return widths.pop() if lines == frames and len(widths) == 1 else 0
 
 
 def _parse_hierarchy(path: Path, text: str, first_line: int) -> list[Node]:

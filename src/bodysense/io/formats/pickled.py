@@ -11,7 +11,7 @@ import io
 import pickle  # noqa: TID251 - its opcodes; every name is looked up below
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 from typing import IO, Any, ClassVar, NoReturn
@@ -81,11 +81,10 @@ def _load(stream: IO[bytes], path: Path, storage: Callable[[Any], Any] | None) -
 class _Array:
     """An array that is being built."""
 
-    __slots__ = ("attributes", "value")
+    __slots__ = ("value",)
 
     def __init__(self) -> None:
         self.value: Any = None
-        self.attributes: dict[str, Any] = {}
 
 
 class _Call:
@@ -145,10 +144,18 @@ class _Reader(pickle._Unpickler):  # in Python, so that the state of every objec
         state = self.stack.pop()
         what = self.stack[-1]
         if isinstance(what, _Array) and isinstance(what, _Wrapper):
-            what.attributes = dict(state)
-            self.stack[-1] = _wrapped(what.attributes, self._stream)
+            kind, shape = state["dtype"], tuple(state["shape"])
+            if state.get("numpy_array_alignment_bytes") is not None:
+                self._stream.read(self._stream.read(1)[0])
+            data = self._stream.read(int(np.prod(shape, dtype=object)) * kind.itemsize)
+            self.stack[-1] = _filled(shape, kind, data, state.get("order") == "F")
         elif isinstance(what, _Array):
-            what.value = _state_of_array(state)
+            _, shape, kind, is_fortran, data = state
+            if isinstance(kind, np.dtype) and kind.hasobject:
+                what.value = list(data)
+            else:
+                data = data.encode("latin1") if isinstance(data, str) else data
+                what.value = _filled(tuple(shape), kind, data, bool(is_fortran))
         elif isinstance(what, np.dtype):
             if state[1] in (">", "<"):
                 self.stack[-1] = what.newbyteorder(state[1])
@@ -237,27 +244,12 @@ def _filled(shape: tuple[int, ...], kind: np.dtype, data: bytes, is_fortran: boo
     return np.frombuffer(data, kind, count).reshape(shape, order="F" if is_fortran else "C")
 
 
-def _state_of_array(state: Any) -> Any:
-    _, shape, kind, is_fortran, data = state
-    if isinstance(kind, np.dtype) and kind.hasobject:
-        return list(data)
-    return _filled(tuple(shape), kind, data.encode("latin1") if isinstance(data, str) else data, bool(is_fortran))
-
-
 def _scalar(kind: np.dtype, data: Any = b"") -> Any:
     return _filled((), kind, data.encode("latin1") if isinstance(data, str) else bytes(data), False).item()
 
 
 def _from_buffer(data: Any, kind: np.dtype, shape: Any, order: str = "C") -> np.ndarray:
     return _filled(tuple(shape), kind, bytes(data), order == "F")
-
-
-def _wrapped(attributes: Mapping[str, Any], stream: IO[bytes]) -> np.ndarray:
-    kind, shape = attributes["dtype"], tuple(attributes["shape"])
-    if attributes.get("numpy_array_alignment_bytes") is not None:
-        stream.read(stream.read(1)[0])
-    size = int(np.prod(shape, dtype=object)) * kind.itemsize
-    return _filled(shape, kind, stream.read(size), attributes.get("order") == "F")
 
 
 def _tensor(storage: np.ndarray, offset: int, size: Any, stride: Any, *_: Any) -> np.ndarray:

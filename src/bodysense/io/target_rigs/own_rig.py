@@ -199,14 +199,6 @@ def on_rig(file: JointFile, rigged: Rigged, clip: Clip) -> JointFile:
     return turned.with_values(values, changed)
 
 
-def _carrier(file: JointFile, chain: list[int]) -> int:
-    """Return the joint that moves the body through the world, among a joint and its ancestors."""
-    moving = [joint for joint in chain if len(file.columns_of(joint, "position")) == 3]
-    if not moving:
-        raise BodysenseError(f"{file.path}: no position above {file.joints[chain[0]]!r}; take a rig that has one")
-    return max(moving, key=lambda joint: float(np.ptp(_offset(file, joint), axis=0).max()))
-
-
 def _carried(
     rig: JointFile, file: JointFile, chain: list[int], target: np.ndarray, world: np.ndarray
 ) -> tuple[int, np.ndarray]:
@@ -214,7 +206,10 @@ def _carried(
 
     `chain` is that joint and its ancestors; `file` has the motion except these, `world` (T, J, 4) its rotations.
     """
-    carrier = _carrier(rig, chain)
+    moving = [joint for joint in chain if len(rig.columns_of(joint, "position")) == 3]
+    if not moving:
+        raise BodysenseError(f"{rig.path}: no position above {rig.joints[chain[0]]!r}; take a rig that has one")
+    carrier = max(moving, key=lambda joint: float(np.ptp(_offset(rig, joint), axis=0).max()))
     own = chain.index(carrier)
     place = target
     for joint in chain[:own]:  # back from the pelvis

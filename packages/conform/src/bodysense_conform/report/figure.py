@@ -16,7 +16,10 @@ def stick_figure(subject: Subject, frame: int, marked: str = "", size: int = 132
     known = [k for k, name in enumerate(subject.points) if np.isfinite(place[k]).all()]
     if not known:
         return f'<svg class="figure" viewBox="0 0 {_WIDE} {_HIGH}" height="{size}"></svg>'
-    turn = _heading(subject, frame) + _TURN
+    turn = _TURN
+    if subject.has("left_hip", "right_hip"):
+        hips = subject.line("right_hip", "left_hip")[frame]
+        turn += float(np.arctan2(-hips[2], hips[0])) if np.isfinite(hips).all() else 0.0  # their heading
     low = subject.ground if np.isfinite(subject.ground) else np.median(place[known, 1]) - 0.9
     across = place[:, 0] * np.cos(turn) - place[:, 2] * np.sin(turn)
     x = _WIDE / 2 + across - np.median(across[known])
@@ -40,11 +43,3 @@ def stick_figure(subject: Subject, frame: int, marked: str = "", size: int = 132
 
 def _line(kind: str, start: tuple[float, float], end: tuple[float, float]) -> str:
     return f'<line class="{kind}" x1="{start[0]:.3f}" y1="{start[1]:.3f}" x2="{end[0]:.3f}" y2="{end[1]:.3f}"/>'
-
-
-def _heading(subject: Subject, frame: int) -> float:
-    """Heading of the hips, radians about +Y; 0 if they are unknown."""
-    if not subject.has("left_hip", "right_hip"):
-        return 0.0
-    across = subject.line("right_hip", "left_hip")[frame]
-    return float(np.arctan2(-across[2], across[0])) if np.isfinite(across).all() else 0.0

@@ -78,9 +78,11 @@ def _messages(path: Path) -> dict[str, list[Any]]:
         data = path.read_bytes()  # a wrong length in the file cannot read beyond its end
         _check_chunks(path, data)
         for schema, channel, message in make_reader(BytesIO(data)).iter_messages(log_time_order=False):
-            kind = _kind(channel.topic, "" if schema is None else schema.name)
-            if kind is not None:
-                found.setdefault(kind, []).append(message)
+            name = channel.topic.rpartition("/")[2]
+            if schema is not None and schema.name == BODY_SCHEMA:
+                found.setdefault("body", []).append(message)
+            elif schema is not None and schema.name == HAND_SCHEMA and name.startswith(SIDES):
+                found.setdefault(next(side for side in SIDES if name.startswith(side)), []).append(message)
     except OSError as error:
         raise BodysenseError(f"{path}: cannot be read ({error.strerror})") from None
     except (McapError, ZstdError, *_BROKEN) as error:
@@ -101,13 +103,6 @@ def _check_chunks(path: Path, data: bytes) -> None:
             size = frame_content_size(record.data) if record.compression == "zstd" else 0
             unpacked += max(record.uncompressed_size, size)
             check_sizes(path, unpacked, len(data))
-
-
-def _kind(topic: str, schema: str) -> str | None:
-    if schema == BODY_SCHEMA:
-        return "body"
-    name = topic.rpartition("/")[2]
-    return next((side for side in SIDES if name.startswith(side)), None) if schema == HAND_SCHEMA else None
 
 
 def _rows(kind: str, messages: list[Any]) -> np.ndarray:

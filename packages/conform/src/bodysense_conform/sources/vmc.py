@@ -58,7 +58,10 @@ def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
         if isinstance(found, str):
             malformed += 1
             continue
-        clock = _clock(found, clock)  # of all bones in the packet: senders put it before or after them
+        for message in found:  # of all bones in the packet: senders put it before or after them
+            if message.address == "/VMC/Ext/T" and message.arguments and isinstance(message.arguments[0], (int, float)):
+                clock = float(message.arguments[0])
+                break
         for joint, values in filter(None, map(_bone, found)):
             if joint in current and joint != "root":
                 frames.append(current)
@@ -77,14 +80,6 @@ def vmc_subject(packets: Sequence[Packet], name: str) -> Subject:
     time, rotated = np.array(times[: len(frames)]), np.ones(len(names), dtype=bool)
     subject = points_subject(name, "VMC", names, time, position, rotation, rotated, there)
     return replace(subject, transport=Transport(messages=len(packets), malformed=malformed))
-
-
-def _clock(messages: Sequence[Message], before: float | None) -> float | None:
-    """Return the sender's time (s) in a packet, or the time before if the packet has none."""
-    for message in messages:
-        if message.address == "/VMC/Ext/T" and message.arguments and isinstance(message.arguments[0], (int, float)):
-            return float(message.arguments[0])
-    return before
 
 
 def _bone(message: Message) -> tuple[str, np.ndarray] | None:

@@ -27,7 +27,9 @@ def log_progress(what: str, total: int | None = None) -> Iterator[Callable[[int]
     training, only the first one displays progress.
     """
     console = Console(width=None if Console().is_terminal else 200)
-    if not _is_first():
+    distributed = sys.modules.get("torch.distributed")  # imported already, if PyTorch trains
+    shared = distributed is not None and distributed.is_available() and distributed.is_initialized()
+    if distributed is not None and shared and distributed.get_rank() > 0:
         yield lambda done: None
         return
     if console.is_terminal:
@@ -55,14 +57,6 @@ def with_progress_log(items: Iterable[Item], what: str, total: int | None = None
         for item in items:
             yield item
             advance(1)
-
-
-def _is_first() -> bool:
-    """Return whether no other process of a training displays progress. PyTorch, if it trains, is imported already."""
-    distributed = sys.modules.get("torch.distributed")
-    if distributed is None or not (distributed.is_available() and distributed.is_initialized()):
-        return True
-    return distributed.get_rank() == 0
 
 
 def _progress_line(what: str, reached: int, total: int | None, seconds: float) -> str:

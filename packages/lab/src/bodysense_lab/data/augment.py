@@ -50,16 +50,11 @@ def with_limb_proportions(clip: Clip, spread: float, rng: np.random.Generator) -
         for endings, scale in zip(LIMBS.values(), np.exp(spread * deviation), strict=True)
         for part in endings
     }
-    offset = skeleton.rest_offset * np.array([[factor.get(_part(name), 1.0)] for name in skeleton.points])
+    parts = [name.removeprefix("left_").removeprefix("right_") for name in skeleton.points]
+    offset = skeleton.rest_offset * np.array([[factor.get(part, 1.0)] for part in parts])
     longer = _leg_length(skeleton.with_offsets(offset)) / _leg_length(skeleton)
     offset[0] = skeleton.rest_offset[0] * longer
     return replace(clip, pose=Pose(skeleton.with_offsets(offset), clip.pose.root_position * longer, clip.pose.rotation))
-
-
-def _part(name: str) -> str:
-    """Return a point's name without its side."""
-    side, _, rest = name.partition("_")
-    return rest if side in ("left", "right") else name
 
 
 def _leg_length(skeleton: Skeleton) -> float:

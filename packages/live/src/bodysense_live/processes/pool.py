@@ -106,7 +106,10 @@ class Workers:
         worker.channel.close()
         worker.process.join(_TAKE_TIMEOUT)
         if worker.process.pid is not None:
-            _forget_metrics(worker.process.pid, self._folder)
+            with contextlib.suppress(Exception):  # the process has written no metrics
+                from prometheus_client.multiprocess import mark_process_dead
+
+                mark_process_dead(worker.process.pid, self._folder)
         self.all.remove(worker)
         if len(self._ended) > _MAX_FAILURES * self._count:
             raise BodysenseError("workers end again and again; the server was stopped: see above for why")
@@ -180,28 +183,15 @@ def _serve_once(bound: socket.socket, pool: Workers) -> None:
                 fewest = min(serving, key=lambda worker: (worker.silence > _DOUBTED_AFTER, worker.count))
                 fewest.count += _hand_over(bound, fewest.channel)
                 continue
-            messages = _messages(key.data.channel)
+            try:
+                messages = key.data.channel.recv(4096)  # one byte each; none if the worker has ended
+            except OSError:
+                messages = b""
             key.data.count -= messages.count(_ENDED)
             key.data.silence = 0.0
             if not messages:
                 pool.replace(key.data)
                 return  # the serving workers have changed
-
-
-def _messages(channel: socket.socket) -> bytes:
-    """Return the messages of a worker, one byte each; none if the worker has ended."""
-    try:
-        return channel.recv(4096)
-    except OSError:
-        return b""
-
-
-def _forget_metrics(process: int, folder: str) -> None:
-    """Remove the gauges of a process that ended."""
-    with contextlib.suppress(Exception):  # the process has written no metrics
-        from prometheus_client.multiprocess import mark_process_dead
-
-        mark_process_dead(process, folder)
 
 
 def _hand_over(bound: socket.socket, channel: socket.socket) -> bool:

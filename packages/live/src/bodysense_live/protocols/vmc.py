@@ -100,7 +100,8 @@ class VmcTrackers(DeviceReader):
         rows = [message for message in messages if message.address in _KINDS]
         if len(rows) > _MOST_POSES:
             return state, f"more than {_MOST_POSES} devices in one packet"
-        clock = _clock(messages)
+        times = (one.arguments for one in messages if one.address == "/VMC/Ext/T")
+        clock = next((float(given[0]) for given in times if given and _finite(given[:1])), None)  # type: ignore[arg-type]
         if clock is not None:
             if state.clock is not None and 0 < state.clock - clock <= self.longest_delay:
                 return state, f"late: sent at {clock:g} s, after one of {state.clock:g} s"
@@ -113,14 +114,6 @@ class VmcTrackers(DeviceReader):
     def commands(self, packet: bytes) -> list[Calibrate | Recentre]:
         """Return the commands in a packet: VMC's calibration, or ours."""
         return commands_of(packet, _VMC_COMMANDS)
-
-
-def _clock(messages: tuple[Message, ...]) -> float | None:
-    """Return the sender's time in a packet, or None."""
-    for message in messages:
-        if message.address == "/VMC/Ext/T" and message.arguments and _finite(message.arguments[:1]):
-            return float(message.arguments[0])  # type: ignore[arg-type]
-    return None
 
 
 def _device(message: Message, now: float) -> tuple[str, TrackedDevice] | str:

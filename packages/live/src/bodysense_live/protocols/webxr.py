@@ -87,9 +87,13 @@ def point_mapping(
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise ProtocolError(f"the point {twice[0]!r} is named twice; give it once")
-    rows = [
-        _strapped_point(name, tracker_joints) if name in STRAPPED else _device_point(name, skeleton) for name in names
-    ]
+    rows: list[tuple[str, np.ndarray, np.ndarray, bool] | None] = []
+    for name in names:
+        if name not in STRAPPED:
+            rows.append(_device_point(name, skeleton))
+            continue
+        joint = tracker_joints.get(name, TRACKERS.get(name, name))
+        rows.append((joint, IDENTITY, ZERO, True) if joint else None)
     points = tuple(dict.fromkeys(row[0] for row in rows if row is not None))
     not_strapped = {row[0] for name, row in zip(names, rows, strict=True) if row is not None and name not in STRAPPED}
     used = [(points.index(row[0]), *row[1:]) if row is not None else (-1, IDENTITY, ZERO, False) for row in rows]
@@ -234,12 +238,6 @@ def _frame_layout(mapping: PointMapping, point: bytes, visible: bytes) -> _Frame
         bytes([HAS_POSITION | HAS_ROTATION] * len(rows)),
         every,
     )
-
-
-def _strapped_point(name: str, tracker_joints: Mapping[str, str]) -> tuple[str, np.ndarray, np.ndarray, bool] | None:
-    """Return the same as `_device_point` for a strapped tracker."""
-    joint = tracker_joints.get(name, TRACKERS.get(name, name))
-    return (joint, IDENTITY, ZERO, True) if joint else None
 
 
 def _device_point(name: str, skeleton: Skeleton) -> tuple[str, np.ndarray, np.ndarray, bool] | None:

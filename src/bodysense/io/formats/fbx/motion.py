@@ -127,12 +127,15 @@ def parse_fbx(data: bytes, path: Path, animation: str | None = None, skin: str |
         )
     if not np.isfinite(local).all() or np.abs(local).max() > HUGE:
         raise BodysenseError(f"{path}: its animation is not all finite; export it again")
-    if (axis := _mirrored_axis(axes)) is not None:
+    if _UNKNOWN not in axes and np.linalg.det(_directions(axes)) < 0:  # left-handed, until an axis is reversed
+        axis = axes[0] // 2  # 0 x, 1 y, 2 z
         skeleton, local, axes = _unmirrored(skeleton, local, axis), _flip(local, axis), (axes[0] ^ 1, axes[1], axes[2])
     if axes not in _FACING.values() and _UNKNOWN not in axes:
         facing = _FACING[_AXES[axes[1]]]
         turn = matrix_to_quaternion(_directions(facing).T @ _directions(axes))
-        skeleton, local, axes = _turned(skeleton, turn), _turned_roots(local, skeleton.parents, turn), facing
+        rest, local = (_turned_roots(one, skeleton.parents, turn) for one in (skeleton.rest, local))
+        skeleton = replace(skeleton, rest=rest, bind=quaternion_to_matrix(turn) @ skeleton.bind)
+        axes = facing
     return _motion(path, skeleton, local, rate, metres if np.isfinite(metres) and metres > 0 else 0.01, axes, name)
 
 
@@ -207,13 +210,6 @@ def _stack(scene: FbxFile, path: Path, nodes: np.ndarray, animation: str | None)
     return best, _plain(stacks[best]) or "Take 001"
 
 
-def _mirrored_axis(axes: Axes) -> int | None:
-    """Return the axis (0 x, 1 y, 2 z) whose reversal makes left-handed axes right-handed; None if they are."""
-    if _UNKNOWN in axes:
-        return None
-    return axes[0] // 2 if np.linalg.det(_directions(axes)) < 0 else None
-
-
 def _directions(axes: Axes) -> np.ndarray:
     """Return right, up and front (3, 3) in the file's world."""
     return np.array([np.eye(3)[axis // 2] * (1 - 2 * (axis % 2)) for axis in axes])
@@ -241,11 +237,6 @@ def _turned_roots(local: np.ndarray, parents: tuple[int, ...], turn: np.ndarray)
     above = np.broadcast_to(turn, (*local.shape[:-2], len(roots), 4))
     turned[..., roots, 3:7] = quaternion_multiply(above, local[..., roots, 3:7])
     return turned
-
-
-def _turned(skeleton: _Skeleton, turn: np.ndarray) -> _Skeleton:
-    rest = _turned_roots(skeleton.rest, skeleton.parents, turn)
-    return replace(skeleton, rest=rest, bind=quaternion_to_matrix(turn) @ skeleton.bind)
 
 
 def _motion(

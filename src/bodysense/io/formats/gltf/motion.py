@@ -58,7 +58,9 @@ def read_gltf(path: Path, joints: Path | None = None, animation: str | None = No
     file = _with_loose_ends(file, names, tracks)
     rig = _recognised(file, _figure(file, names, tracks), joints)
     root = names.index(rig.joints.get("pelvis", rig.hub))
-    below = _in_our_order(_below(file, root), names)
+    below, points = _below(file, root), default_skeleton().points
+    if sorted(names[k] for k in below) == sorted(points):  # exactly ours: so ordered, end sites can be separated
+        below.sort(key=lambda k: points.index(names[k]))
     time = _times(path, tracks, below)
     if len(time) * len(below) > _LONGEST:
         raise BodysenseError(f"{path}: {len(time)} frames of {len(below)} nodes; cut it in parts")
@@ -206,14 +208,6 @@ def _below(file: GltfFile, root: int) -> list[int]:
         if file.carriers[k] in inside:
             inside.add(k)
     return [k for k in file.carried_order if k in inside]
-
-
-def _in_our_order(below: list[int], names: list[str]) -> list[int]:
-    """Return nodes in the order of our points if they are exactly ours, so that end sites can be separated."""
-    points = default_skeleton().points
-    if {names[k] for k in below} != set(points) or len(below) != len(points):
-        return below
-    return sorted(below, key=lambda k: points.index(names[k]))
 
 
 def _times(path: Path, tracks: Mapping[tuple[int, str], Track], below: list[int]) -> np.ndarray:

@@ -98,7 +98,12 @@ def swap(clip: Clip, rng: np.random.Generator) -> MadeDefect | None:
 def slide(clip: Clip, rng: np.random.Generator) -> MadeDefect | None:
     """Let a foot that stands drift at 15 to 50 cm/s for 0.3 to 1 s; it returns to its path in 0.3 s."""
     place = np.asarray(forward_kinematics(clip.pose)[0])
-    spans = [(side, *span) for side in ("left", "right") for span in runs(_at_rest(clip, place, side))]
+    spans = []
+    for side in ("left", "right"):
+        foot = place[:, clip.pose.skeleton.indices([f"{side}_ankle", f"{side}_foot"])]
+        speed = np.linalg.norm(np.gradient(foot, axis=0), axis=-1).max(axis=1) * clip.frame_rate
+        stands = foot_motion(clip.pose, clip.frame_rate, side).stands & (speed < STANDS)
+        spans += [(side, *span) for span in runs(stands)]
     least, fade = round(0.35 * clip.frame_rate), round(0.3 * clip.frame_rate)
     spans = [(s, a, b) for s, a, b in spans if b - a >= least and a > 3 and b + fade < len(clip) - 3]
     if not spans:
@@ -138,13 +143,6 @@ MAKERS: dict[str, Callable[[Clip, np.random.Generator], MadeDefect | None]] = {
     "swap": swap,
     "slide": slide,
 }
-
-
-def _at_rest(clip: Clip, place: np.ndarray, side: str) -> np.ndarray:
-    """Return (T,) bool: the foot stands in truth."""
-    foot = place[:, [clip.pose.skeleton.index(f"{side}_{part}") for part in ("ankle", "foot")]]
-    speed = np.linalg.norm(np.gradient(foot, axis=0), axis=-1).max(axis=1) * clip.frame_rate
-    return foot_motion(clip.pose, clip.frame_rate, side).stands & (speed < STANDS)
 
 
 def _place(clip: Clip, count: int, rng: np.random.Generator) -> int:

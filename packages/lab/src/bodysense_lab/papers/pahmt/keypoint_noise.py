@@ -74,9 +74,13 @@ def detect(keypoints: ArmKeypoints, noise: DetectorNoise, rng: np.random.Generat
     has_hand = keypoints.has_hand & ~_spans(chance, stay, len(batch), rng)
     has_hand &= ~np.moveaxis(_one_span((*batch, 2, len(time)), noise.lost, len(time), rng), -1, -2)
     arm_missed = np.full((*batch, len(time), 2), noise.arm_missed)
+    # The depth that a detector sees in directions (..., T, 2, 2, 3): one mind a window, arm and bone.
+    once = (*batch, 1, *keypoints.arm.shape[-3:-1])
+    depth_kept = np.clip(noise.depth_kept + noise.depth_kept_spread * rng.standard_normal(once), 0.0, 1.1)
+    nearer = noise.nearer + noise.nearer_spread * rng.standard_normal(once)
     found = replace(
         keypoints,
-        arm=np.asarray(normalize(_flattened(keypoints.arm, noise, rng) + bent)),
+        arm=np.asarray(normalize(flattened(keypoints.arm, depth_kept, nearer) + bent)),
         has_arm=keypoints.has_arm & ~_spans(arm_missed, stay, len(batch), rng),
         torso=np.asarray(quaternion_multiply(quaternion_exp(turn), keypoints.torso)),
         has_torso=keypoints.has_torso & ~_spans(arm_missed[..., 0], stay, len(batch), rng),
@@ -96,13 +100,6 @@ def flattened(arm: np.ndarray, kept: np.ndarray, nearer: np.ndarray) -> np.ndarr
     depth = np.clip(kept * arm[..., 2] + nearer, -_STEEPEST, _STEEPEST)
     across = np.asarray(normalize(arm[..., :2])) * np.sqrt(1 - depth * depth)[..., None]
     return np.concatenate([across, depth[..., None]], axis=-1)
-
-
-def _flattened(arm: np.ndarray, noise: DetectorNoise, rng: np.random.Generator) -> np.ndarray:
-    """Directions (..., T, 2, 2, 3) with the depth that a detector sees in them: one mind a window, arm and bone."""
-    shape = (*arm.shape[:-4], 1, *arm.shape[-3:-1])
-    kept = np.clip(noise.depth_kept + noise.depth_kept_spread * rng.standard_normal(shape), 0.0, 1.1)
-    return flattened(arm, kept, noise.nearer + noise.nearer_spread * rng.standard_normal(shape))
 
 
 def _drawn_hands(

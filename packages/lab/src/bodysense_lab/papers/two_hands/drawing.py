@@ -112,7 +112,11 @@ def draw_markers(
     """Frames and others of the same motions up to 2 s later or earlier, the same markers hidden: (2, count, …)."""
     rows = rng.integers(len(frames), size=count)
     gap = np.exp(rng.uniform(np.log(0.1), np.log(2.0), count)) * RATE
-    later = _within(frames, rows, np.maximum(1, np.round(gap)).astype(int) * rng.choice([-1, 1], count))
+    away = rows + np.maximum(1, np.round(gap)).astype(int) * rng.choice([-1, 1], count)
+    first = np.searchsorted(frames.motion, np.arange(len(frames.rest)))
+    last = np.append(first[1:], len(frames)) - 1
+    motion = frames.motion[rows]
+    later = np.clip(away, first[motion], last[motion])
     both, hidden = np.stack([rows, later]), hide(count, share, rng)
     markers = frames.markers[both] + rng.normal(0.0, noise, (2, count, len(MARKERS), 3))
     shapes = draw_shapes(frames, frames.motion[rows], rng)
@@ -175,14 +179,6 @@ def turned_to(points: Tensor, markers: Tensor) -> Tensor:
     goal = markers[:, [default_glove().markers.index(f"{finger}_tip") for finger in FINGERS], None]
     arc = shortest_arc(rest[:, :, -1:] - base, goal - base)
     return base + quaternion_rotate(arc.expand(-1, -1, 3, -1), rest - base)
-
-
-def _within(frames: GloveFrames, rows: np.ndarray, gap: np.ndarray) -> np.ndarray:
-    """The rows at a distance, moved to the ends of their motions where they lie beyond."""
-    first = np.searchsorted(frames.motion, np.arange(len(frames.rest)))
-    last = np.append(first[1:], len(frames)) - 1
-    of = frames.motion[rows]
-    return np.clip(rows + gap, first[of], last[of])
 
 
 def _on_template(points: np.ndarray, markers: np.ndarray, hidden: np.ndarray, template: np.ndarray) -> np.ndarray:

@@ -59,9 +59,7 @@ def point_loss(
     position = (charged * place_weight * mask).sum() / count / distance.shape[-1]
 
     children, parents = network.bones
-    others = torch.cat([batch.known, torch.zeros_like(batch.known[..., :1, :])], dim=-2)  # ends that are no outputs
-    points = (torch.cat([offset, others], dim=-2) for offset in (answer.offset, batch.offset))
-    bone, true_bone = (ends[..., children, :] - ends[..., parents, :] for ends in points)
+    bone, true_bone = (_bones(offset, batch.known, children, parents) for offset in (answer.offset, batch.offset))
     bone_weight = weights.finger_bone if bool(fingers.all()) else weights.body_bone
     parent = (length_of(bone - true_bone) * mask).sum() / count / len(children) * weights.parent
     length = ((length_of(bone) - length_of(true_bone)).abs() * mask).sum() / count / len(children) * bone_weight
@@ -119,3 +117,9 @@ def validate_points(network: PointNetwork, sequences: Sequence[PointSequence]) -
         count += missed[..., 0].numel()
     network.train(training)
     return 100 * math.sqrt(total / max(count, 1))
+
+
+def _bones(offset: Tensor, known: Tensor, children: list[int], parents: list[int]) -> Tensor:
+    """Return vectors (B, T, bones, 3) from parents to children. Some of the ends are known points."""
+    points = torch.cat([offset, known, torch.zeros_like(known[..., :1, :])], dim=-2)
+    return points[..., children, :] - points[..., parents, :]
