@@ -43,8 +43,8 @@ def upright(seed: int, kind: str | None = None) -> Body:
 @pytest.mark.parametrize("kind", EVERY)
 def test_right_worlds_give_no_notice(kind: str) -> None:
     rng = np.random.default_rng(list(EVERY).index(kind))
+    body = drawn_body(kind, rng)
     for floor in (0.0, 0.5):
-        body = drawn_body(kind, rng)
         for points, turned in SETS.values():
             assert notices(written(body.seen(points, turned), World(floor=floor)), floor) == ()
 

@@ -26,7 +26,7 @@ def turns(quaternion: np.ndarray) -> Rotation:
     return Rotation.from_quat(quaternion[..., [1, 2, 3, 0]].reshape(-1, 4))
 
 
-def moving_head(speed: float, sessions: int = 4, seconds: float = 120.0, points: tuple[str, ...] = ("head",)):
+def moving_head(speed: float, sessions: int = 4, seconds: float = 60.0, points: tuple[str, ...] = ("head",)):
     """Return sessions (B, T, P) of points that move on a circle at `speed` m/s and turn at 100 `speed` °/s."""
     time = np.arange(round(seconds * RATE)) / RATE
     angle = speed * time / 0.5
@@ -90,7 +90,7 @@ def test_drift_depends_on_the_travelled_distance(speed: float) -> None:
 
 def test_at_rest_there_is_almost_no_white_noise() -> None:
     """Errors change by microns from frame to frame."""
-    position, rotation = errors(moving_head(0.0, seconds=60.0))
+    position, rotation = errors(moving_head(0.0))
     fresh = np.diff(position, 2, axis=1)
     assert rms(fresh) / np.sqrt(6 * 3) < 0.01
     assert rms(np.diff(rotation, 2, axis=1)) / np.sqrt(6 * 3) < 0.001
