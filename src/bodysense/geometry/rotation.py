@@ -22,6 +22,8 @@ from bodysense.files import load_library
 Array: TypeAlias = Any  # a NumPy array or a PyTorch tensor
 
 _FLOAT64 = np.dtype(np.float64)
+_FEW = 8  # numbers: NumPy adds up fewer of them one after another
+_MANY = 64  # numbers in fewer rows are added up faster by NumPy's own sum
 _AXES = {"X": 0, "Y": 1, "Z": 2}
 # Numbers in a row of each argument, and of the result.
 _WIDTHS = {
@@ -50,14 +52,28 @@ def quaternion_identity(like: Array) -> Array:
 
 def dot(a: Array, b: Array) -> Array:
     """Return the inner product over the last axis, which is kept: (..., n), (..., n) → (..., 1)."""
+    if type(a) is np.ndarray is type(b):
+        return _sum_of_few(a * b)
     xp = array_namespace(a, b)
     return xp.sum(a * b, axis=-1, keepdims=True)
+
+
+def _sum_of_few(parts: np.ndarray) -> np.ndarray:
+    """Return the sum (..., 1) over a short last axis, in its order: NumPy adds up each row in a loop of its own."""
+    if not 1 < parts.shape[-1] < _FEW or parts.size < _MANY:
+        return np.sum(parts, axis=-1, keepdims=True)
+    total = parts[..., :1] + parts[..., 1:2]
+    for k in range(2, parts.shape[-1]):
+        total += parts[..., k : k + 1]
+    return total
 
 
 def safe_norm(a: Array, floor: float = 1e-12) -> Array:
     """Return the length over the last axis, which is kept; the gradient is zero, not NaN, for lengths below `floor`."""
     xp = array_namespace(a)
     squared = dot(a, a)
+    if xp is np:
+        return np.where(squared < floor * floor, 0.0, np.sqrt(squared))
     tiny = squared < floor * floor
     return xp.where(tiny, xp.zeros_like(squared), xp.sqrt(xp.where(tiny, xp.ones_like(squared), squared)))
 
@@ -119,12 +135,18 @@ def quaternion_to_matrix(q: Array) -> Array:
     """Convert quaternions to matrices: (..., 4) → (..., 3, 3)."""
     xp = array_namespace(q)
     w, x, y, z = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    rows = [
+    entries = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
-    return xp.stack([xp.stack(row, axis=-1) for row in rows], axis=-2)
+    if xp is not np:
+        return xp.stack([xp.stack(row, axis=-1) for row in entries], axis=-2)
+    matrix = np.empty((*q.shape[:-1], 3, 3), q.dtype)
+    for row, parts in enumerate(entries):
+        for column, part in enumerate(parts):
+            matrix[..., row, column] = part
+    return matrix
 
 
 def matrix_to_quaternion(m: Array) -> Array:

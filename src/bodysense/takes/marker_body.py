@@ -49,6 +49,7 @@ RATE = 30.0  # Hz; at higher rates, corrections of the tracker's poses are inter
 _STEPS = 3  # Gauss-Newton steps of a pose
 _FADED = 1.0  # s; a frame's markers change the hips of no frame that is farther away
 _HIPS_AT_ONCE = 1000  # frames whose hips are fitted at once
+_INTERPOLATED_AT_ONCE = 1000  # frames, in the processor's cache
 _BLOCK = 64  # frames that are solved at once, in the processor's cache
 
 
@@ -61,14 +62,14 @@ def fit_to_markers(
     not trained on markers of legs alone, for which it would raise the arms. Then the pose, and the bones unless they
     are known, are fitted to markers on the skin.
     """
-    points, _, measured, turned = observed_points(observation, pose.skeleton)
     if _hips_are_surest(observation):
         beside = round(_FADED / interval)
         root, rotation = np.zeros_like(pose.root_position), np.zeros_like(pose.rotation)
         for first in range(0, len(root), _HIPS_AT_ONCE):
             start, end = max(first - beside, 0), min(first + _HIPS_AT_ONCE, len(root))
             near = slice(start, end + beside)
-            fitted = fit_hips(pose[near], points[near], measured[near], turned[near], interval)[first - start :]
+            points, _, measured, turned = observed_points(observation[near], pose.skeleton)
+            fitted = fit_hips(pose[near], points, measured, turned, interval)[first - start :]
             root[first:end], rotation[first:end] = fitted.root_position[: end - first], fitted.rotation[: end - first]
         pose = Pose(pose.skeleton, root, rotation)
     if markers.found is not None and markers.found.arms_hang:
@@ -114,11 +115,11 @@ def fit_markers(pose: Pose, seen: SeenMarkers, seconds: float, *, is_known: bool
     worn = fit_worn_markers(start, seen, is_known=is_known)
     if worn is None:
         return pose
-    position = np.concatenate([seen.position, seen.centre], axis=1)[:, worn.columns]
-    knots = np.unique(np.r_[np.arange(0, len(position), max(1, round(1 / (RATE * seconds)))), len(position) - 1])
-    poses = BodyPoses.of(start)
-    fitted = _fitted(worn, poses[knots], position[knots], seconds * float(np.diff(knots).max(initial=1)))
-    if len(knots) < len(position):
+    poses, count = BodyPoses.of(start), len(seen.position)
+    knots = np.unique(np.r_[np.arange(0, count, max(1, round(1 / (RATE * seconds)))), count - 1])
+    position = seen.columns(worn.columns, knots)
+    fitted = _fitted(worn, poses[knots], position, seconds * float(np.diff(knots).max(initial=1)))
+    if len(knots) < count:
         fitted = _between(poses, fitted, knots)
     rest = np.array(pose.skeleton.rest_offset)
     rest[trunk.points] = worn.skeleton.rest_offset
@@ -132,16 +133,20 @@ def fit_markers(pose: Pose, seen: SeenMarkers, seconds: float, *, is_known: bool
 def _between(poses: BodyPoses, fitted: BodyPoses, knots: Array) -> BodyPoses:
     """Return poses (T,) whose corrections are interpolated between frames `knots` with `fitted` poses."""
     turn = quaternion_multiply(quaternion_conjugate(poses.local[knots]), fitted.local)
-    frames = np.arange(len(poses.root))
-    after = np.clip(np.searchsorted(knots, frames, side="right"), 1, len(knots) - 1)
-    share = ((frames - knots[after - 1]) / (knots[after] - knots[after - 1]))[:, None]
     correction = np.concatenate(
         [fitted.root - poses.root[knots], np.asarray(quaternion_log(turn)).reshape(len(knots), -1)], axis=1
     )
-    between = (1 - share) * correction[after - 1] + share * correction[after]
-    turns = quaternion_exp(between[:, 3:].reshape(len(frames), -1, 3))
-    local = quaternion_canonical(quaternion_multiply(poses.local, turns))
-    return BodyPoses(poses.root + between[:, :3], np.asarray(local))
+    root, local = np.zeros_like(poses.root), np.zeros_like(poses.local)
+    for first in range(0, len(root), _INTERPOLATED_AT_ONCE):
+        block = slice(first, first + _INTERPOLATED_AT_ONCE)
+        frames = np.arange(*block.indices(len(root)))
+        after = np.clip(np.searchsorted(knots, frames, side="right"), 1, len(knots) - 1)
+        share = ((frames - knots[after - 1]) / (knots[after] - knots[after - 1]))[:, None]
+        between = (1 - share) * correction[after - 1] + share * correction[after]
+        turns = quaternion_exp(between[:, 3:].reshape(len(frames), -1, 3))
+        root[block] = poses.root[block] + between[:, :3]
+        local[block] = quaternion_canonical(quaternion_multiply(poses.local[block], turns))
+    return BodyPoses(root, local)
 
 
 def _fitted(worn: WornMarkers, poses: BodyPoses, position: Array, seconds: float) -> BodyPoses:

@@ -51,10 +51,11 @@ def at_all_frames(estimate: Estimate, kept: Array, observation: Observation) -> 
     arrays = {
         name: np.empty((frames, *getattr(estimate, name).shape[1:])) for name in ("confidence", "bound", "contact")
     }
-    points, turns, places = (
+    points, turns, places, measured = (
         np.empty((frames, *estimate.points.shape[1:])),
         np.empty((frames, *rotation.shape[1:])),
         np.empty((frames, 3)),
+        np.empty((frames, *estimate.measured.shape[1:]), dtype=bool),
     )
     for first in range(0, frames, _BLOCK):
         block = slice(first, first + _BLOCK)
@@ -65,6 +66,7 @@ def at_all_frames(estimate: Estimate, kept: Array, observation: Observation) -> 
         turns[block] = quaternion_canonical(normalize(_cubic(rotation, turning, before, share, interval)))
         places[block] = _cubic(root, moving, before, share, interval)
         points[block] = forward_kinematics(Pose(skeleton, places[block], turns[block]))[0]
+        measured[block] = observed_points(observation[block], skeleton)[2]
         for name, values in arrays.items():
             given = getattr(estimate, name)
             values[block] = given[before] + share[:, None] * (given[before + 1] - given[before])
@@ -72,7 +74,7 @@ def at_all_frames(estimate: Estimate, kept: Array, observation: Observation) -> 
         estimate,
         pose=Pose(skeleton, places, turns),
         points=points,
-        measured=observed_points(observation, skeleton)[2],
+        measured=measured,
         rest_offset=np.broadcast_to(estimate.rest_offset[0], (frames, *estimate.rest_offset.shape[1:])),
         **arrays,
     )

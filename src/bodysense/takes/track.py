@@ -248,18 +248,22 @@ def _height_warnings(known: Person, believed: Person) -> tuple[str, ...]:
 
 def _with_pose(estimate: Estimate, pose: Pose, observation: Observation) -> Estimate:
     """Replace the pose of an estimate; expected errors are at least the distance from measured positions."""
-    points, (seen, _, measured, _) = (
-        np.asarray(forward_kinematics(pose)[0]),
-        observed_points(observation, pose.skeleton),
-    )
-    off = np.where(measured, np.linalg.norm(np.where(measured[..., None], seen - points, 0.0), axis=-1), 0.0)
+    points = np.empty((len(observation), len(pose.skeleton.points), 3))
+    confidence, bound = np.zeros_like(estimate.confidence), np.zeros_like(estimate.bound)
+    for first in range(0, len(points), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        points[block] = forward_kinematics(pose[block])[0]
+        seen, _, measured, _ = observed_points(observation[block], pose.skeleton)
+        off = np.linalg.norm(np.where(measured[..., None], seen - points[block], 0.0), axis=-1)
+        confidence[block] = np.maximum(estimate.confidence[block], off)
+        bound[block] = np.maximum(estimate.bound[block], off)
     return replace(
         estimate,
         pose=pose,
         points=points,
-        confidence=np.maximum(estimate.confidence, off),
-        bound=np.maximum(estimate.bound, off),
-        rest_offset=np.broadcast_to(pose.skeleton.rest_offset, estimate.rest_offset.shape).copy(),
+        confidence=confidence,
+        bound=bound,
+        rest_offset=np.broadcast_to(pose.skeleton.rest_offset, estimate.rest_offset.shape),
     )
 
 

@@ -101,6 +101,14 @@ class SeenMarkers:
     centre: Array  # (T, C, 3) m, world; NaN where hidden
     accuracy: Array  # (C,) m
 
+    def columns(self, columns: Array, frames: Array | slice = slice(None)) -> Array:
+        """Return places (N, M, 3) m in some frames of some columns of markers, which centres follow."""
+        count, found = self.position.shape[1], np.empty((len(self.position[frames, 0]), len(columns), 3))
+        for place, column in enumerate(columns.tolist()):
+            source, own = (self.position, column) if column < count else (self.centre, column - count)
+            found[:, place] = source[frames, own]
+        return found
+
 
 @dataclass(frozen=True, eq=False)
 class BodyPoses:
@@ -149,13 +157,12 @@ def fit_worn_markers(pose: Pose, seen: SeenMarkers, *, is_known: bool) -> WornMa
     worn = carried_markers(pose, seen)
     if len(worn.columns) < _FEWEST_MARKERS:
         return None
-    position = np.concatenate([seen.position, seen.centre], axis=1)[:, worn.columns]
-    chosen = _different_frames(pose, position)
-    poses = worn.start(BodyPoses.of(pose)[chosen])
-    _, missed = _adjusted(worn, poses[::2], position[chosen[::2]], is_known=is_known)
+    chosen = _different_frames(pose, seen.columns(worn.columns))
+    poses, position = worn.start(BodyPoses.of(pose)[chosen]), seen.columns(worn.columns, chosen)
+    _, missed = _adjusted(worn, poses[::2], position[::2], is_known=is_known)
     noise = float(np.clip(_CORRELATED * missed, *_NOISE))
     worn = replace(worn, noise=np.where(worn.columns < seen.position.shape[1], noise, worn.noise))
-    return _adjusted(worn, poses, position[chosen], is_known=is_known)[0]
+    return _adjusted(worn, poses, position, is_known=is_known)[0]
 
 
 def carried_markers(pose: Pose, seen: SeenMarkers) -> WornMarkers:

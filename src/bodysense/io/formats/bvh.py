@@ -272,12 +272,16 @@ def _write_all(file: IO[bytes], data: bytes) -> None:
 
 def _frame_rows(root: np.ndarray, rotation: np.ndarray, written: list[int], unit: float, order: str) -> Iterator[str]:
     """Yield lines of frames: root (T, 3) m, rotations (T, J, 4) of joints `written`, in the order of the HIERARCHY."""
-    row = " ".join(["%.6f"] * (3 + 3 * len(written))) + "\n"
     for start in range(0, len(root), _BLOCK):
         block = slice(start, start + _BLOCK)
         angles = np.rad2deg(quaternion_to_euler(rotation[block][:, written], order))
         values = np.concatenate([root[block] / unit, angles.reshape(len(angles), -1)], axis=1)
-        yield row * len(values) % tuple(values.ravel().tolist())  # one formatting call, for speed
+        # One formatting call, for speed, and constant numbers (fingers that nothing tracks) are formatted once.
+        held = (values.view(np.int64) == values[:1].view(np.int64)).all(axis=0)
+        row = " ".join(
+            f"{x:.6f}" if still else "%.6f" for x, still in zip(values[0].tolist(), held.tolist(), strict=True)
+        )
+        yield (row + "\n") * len(values) % tuple(values[:, ~held].ravel().tolist())
 
 
 def _hierarchy(skeleton: Skeleton, unit: float, order: str) -> tuple[str, list[int]]:
