@@ -10,8 +10,9 @@ import numpy as np
 import pinocchio
 import pytest
 import torch
+from scipy.spatial.transform import Rotation
 
-from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose, world_rotation
+from bodysense.body.pose import Pose, forward_kinematics, local_rotation, rest_pose, tree_kinematics, world_rotation
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.geometry.rotation import (
     geodesic_angle,
@@ -178,3 +179,40 @@ def test_indexing_takes_frames() -> None:
     pose = random_pose((5,))
     assert pose[2].rotation.shape == (52, 4)
     np.testing.assert_array_equal(pose[1:3].root_position, pose.root_position[1:3])
+
+
+def test_kinematics_of_any_tree_equal_a_walk_along_its_bones() -> None:
+    """Trees of random shape with end sites, whose root's offset is not used; SciPy turns the bones."""
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        joints, sites, frames = (int(rng.integers(low, 9)) for low in (1, 0, 1))
+        parents = [-1, *(int(rng.integers(0, k)) for k in range(1, joints))]
+        parents += rng.integers(0, joints, sites).tolist()
+        offset, root = rng.standard_normal((joints + sites, 3)), rng.standard_normal((frames, 3))
+        turns = (
+            Rotation.random(frames * joints, random_state=seed).as_quat(scalar_first=True).reshape(frames, joints, 4)
+        )
+        position, world = tree_kinematics(parents, offset, root, turns)
+        for frame in range(frames):
+            turned, place = [], [root[frame]]
+            for joint in range(joints):
+                own = Rotation.from_quat(turns[frame, joint], scalar_first=True)
+                turned.append(own if joint == 0 else turned[parents[joint]] * own)
+            for point in range(1, joints + sites):
+                place.append(place[parents[point]] + turned[parents[point]].apply(offset[point]))
+            np.testing.assert_allclose(position[frame], place, atol=1e-12)
+            same = [
+                (Rotation.from_quat(world[frame, k], scalar_first=True) * turned[k].inv()).magnitude()
+                for k in range(joints)
+            ]
+            assert max(same) < 1e-7
+
+
+def test_kinematics_of_a_tree_refuse_shapes_that_are_not_its_own() -> None:
+    one = np.array([[1.0, 0.0, 0.0, 0.0]])
+    for parents, offset, rotation in (
+        ((-1,), np.zeros((2, 3)), one),
+        ((-1,), np.zeros((1, 3)), np.repeat(one, 2, axis=0)),
+    ):
+        with pytest.raises(ValueError, match="are not those of 1 points"):
+            tree_kinematics(parents, offset, np.zeros(3), rotation)

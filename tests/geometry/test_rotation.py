@@ -60,6 +60,14 @@ def test_multiplication_rotates_by_the_right_factor_first() -> None:
     np.testing.assert_allclose(both, (scipy_rotation(a) * scipy_rotation(b)).apply(v), atol=1e-12)
 
 
+@pytest.mark.parametrize("rows", [1, 7, 300])
+@pytest.mark.parametrize("width", [1, 3, 4, 7, 8, 12])
+def test_inner_products_are_added_up_in_the_order_of_numpy(width: int, rows: int) -> None:
+    a, b = np.random.default_rng(width).standard_normal((2, 2, rows, width))
+    assert np.array_equal(r.dot(a, b), np.sum(a * b, axis=-1, keepdims=True))
+    assert np.array_equal(r.dot(a.astype(np.float32), b.astype(np.float32)).dtype, np.float32)
+
+
 def test_canonical_is_the_same_rotation_with_positive_w() -> None:
     q = random_quaternion()
     canonical = r.quaternion_canonical(q)

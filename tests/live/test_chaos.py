@@ -9,6 +9,7 @@ import signal
 import socket
 import ssl
 import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -29,6 +30,7 @@ from bodysense_live.server.message_text import write_message
 from bodysense_live.server.messages import RecordSwitch, Resume, Settings
 from bodysense_live.server.scheduler import complete
 from bodysense_live.server.settings import ServerSettings
+from bodysense_live.server.supervisor import HOPELESS_AFTER
 from bodysense_live.sessions import recorder as recorder_module
 from bodysense_live.sessions import recordings as recordings_module
 
@@ -55,11 +57,15 @@ class Chaos:
 
     @contextmanager
     def wearers(
-        self, address: Address, seconds: float = SECONDS, count: int = COUNT, secure: ssl.SSLContext | None = None
+        self,
+        *addresses: Address,
+        seconds: float = SECONDS,
+        count: int = COUNT,
+        secure: ssl.SSLContext | None = None,
     ) -> Iterator[list[Wearer]]:
         """Disturb wearers within the block, then for some seconds more; check that each is answered or told why."""
         wearers = [Wearer(Settings(height=1.7 + 0.05 * k, mirror=True), secure=secure) for k in range(count)]
-        with worn(wearers, address.websocket if secure is None else f"wss://127.0.0.1:{address.port}/ws"):
+        with worn(wearers, *(f"{'ws' if secure is None else 'wss'}://127.0.0.1:{one.port}/ws" for one in addresses)):
             until(lambda: all(one.answered and one.placed for one in wearers))
             for one in wearers:
                 one.longest = 0.0
@@ -129,6 +135,44 @@ def connection_breaks(chaos: Chaos) -> None:
             one.do = lambda client: None
     assert any(len(one.welcomes) > 1 for one in wearers)
     assert all(welcome["resumed"] for one in wearers for welcome in one.welcomes[1:])
+
+
+def server_is_killed(chaos: Chaos) -> None:
+    """Another server that shares nothing with it takes its wearers, who start anew."""
+    command = [sys.executable, "-m", "bodysense", "serve", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        try:
+            first = Address(int(process.stdout.readline().rstrip("/\n").rpartition(":")[2]))
+            with chaos.wearers(first, chaos.server_of()) as wearers:
+                process.kill()
+                until(lambda: all(len(one.welcomes) == 2 for one in wearers))
+        finally:
+            process.kill()
+    for one in wearers:
+        first_welcome, second_welcome = one.welcomes
+        assert not second_welcome["resumed"] and second_welcome["session"] != first_welcome["session"]
+
+
+def no_frame_is_answered(chaos: Chaos) -> None:
+    """A step hangs; the wearers are told once a second, until the server ends and another one takes them."""
+    stuck, released = list[bool](), threading.Event()
+
+    def hang_once(jobs: list) -> list:
+        if not stuck:
+            stuck.append(True)
+            released.wait(60)
+        return complete(jobs)
+
+    try:
+        with chaos.wearers(chaos.server_of(), chaos.server_of()) as wearers:
+            chaos.monkeypatch.setattr(scheduler_module, "complete", hang_once)
+            until(lambda: all(len(one.welcomes) == 2 for one in wearers))
+    finally:
+        released.set()
+    for one in wearers:
+        waits = [reason for reason in one.told if "answered no frame for" in reason]
+        assert len(waits) >= HOPELESS_AFTER - 2 and one.told[-1] == "1012", one.told
 
 
 @contextmanager
@@ -299,7 +343,10 @@ ROWS: dict[str, Row] = {
     "a worker is killed, or has not answered for 1.4 s": (
         "test_workers.py::test_wearers_of_a_worker_that_hangs_or_ends_resume_in_another"
     ),
-    "a server is killed": "test_machines.py::test_wearers_of_a_host_that_ends_resume_at_the_other",
+    "a server is killed, and sessions are `--shared`": (
+        "test_machines.py::test_wearers_of_a_host_that_ends_resume_at_the_other"
+    ),
+    "a server is killed, and nothing is shared": server_is_killed,
     "the Valkey or Redis of `--shared` is gone, frozen or emptied": store_fails,
     "a session is resumed elsewhere while its old connection still seems open": resumed_elsewhere,
     "the disk is full, read-only, slow or broken": disks_fail,
@@ -308,9 +355,10 @@ ROWS: dict[str, Row] = {
     "a tracker of the server's own inputs is lost or found": own_tracker_is_lost,
     "a step fails, or is NaN": step_fails,
     "a session's answer cannot be sent": answer_cannot_be_sent,
-    "a task of the server ends, or no frame is answered for 10 s": (
+    "a task of the server ends": (
         "test_supervisor.py::test_a_server_whose_scheduler_ends_closes_its_connections_and_ends_loudly"
     ),
+    "no frame is answered for 10 s": no_frame_is_answered,
 }
 
 

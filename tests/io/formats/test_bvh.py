@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from bodysense.body.pose import Pose, forward_kinematics
+from bodysense.body.skeleton import default_skeleton
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
@@ -264,3 +266,17 @@ def test_a_failed_write_names_the_problem_and_keeps_the_old_file(tmp_path: Path,
     with pytest.raises(BodysenseError, match=r"does not exist; create it"):
         write_bvh(tmp_path / "no" / "a.bvh", clip)
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_joints_that_keep_still_are_written_as_others_are(tmp_path: Path) -> None:
+    """Rows of a file whose numbers do not change in some blocks: each number as Python formats it alone."""
+    rng, skeleton = np.random.default_rng(2), default_skeleton()
+    turns = Rotation.random(600 * len(skeleton.joints), random_state=1).as_quat(scalar_first=True)
+    rotation = turns.reshape(600, len(skeleton.joints), 4)
+    rotation[:, 5], rotation[:, 7], rotation[:300, 9] = rotation[0, 5], [1.0, 0.0, 0.0, 0.0], rotation[0, 9]
+    clip = Clip("still", Pose(skeleton, rng.standard_normal((600, 3)) * [1.0, 0.0, 1.0], rotation), 30.0)
+    write_bvh(tmp_path / "all.bvh", clip)
+    rows = (tmp_path / "all.bvh").read_text().partition("Frame Time")[2].splitlines()[1:]
+    for frame in range(0, 600, 37):
+        write_bvh(tmp_path / "one.bvh", replace(clip, pose=clip.pose[[frame]]))
+        assert (tmp_path / "one.bvh").read_text().splitlines()[-1] == rows[frame]

@@ -66,17 +66,37 @@ def test_a_server_that_answers_no_frame_ends(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(supervisor_module, "_CHECK_INTERVAL", 0.01)
     monkeypatch.setattr(supervisor_module, "HOPELESS_AFTER", 0.05)
     failures: list[BaseException] = []
+    waits: list[float] = []
 
     async def go() -> None:
         supervisor, begun = Supervisor(failures.append), time.monotonic()
-        supervisor.watch(lambda: begun)
+        supervisor.watch(lambda: begun, waits.append)
         await asyncio.sleep(0.03)
         assert not failures
         await asyncio.sleep(0.1)
         await supervisor.stop()
 
     asyncio.run(go())
+    assert not waits  # it ended before a second was over
     assert [type(failure) for failure in failures] == [TimeoutError]
+
+
+def test_a_wait_is_reported_once_a_second_until_it_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(supervisor_module, "_CHECK_INTERVAL", 0.01)
+    monkeypatch.setattr(supervisor_module, "STUCK_AFTER", 0.1)
+    waits: list[float] = []
+
+    async def go() -> None:
+        since: list[float | None] = [None]
+        supervisor = Supervisor(lambda failure: None)
+        supervisor.watch(lambda: since[0], waits.append)
+        for wait in (0.05, 0.25, None, 0.15):
+            since[0] = None if wait is None else time.monotonic()
+            await asyncio.sleep(wait or 0.05)
+        await supervisor.stop()
+
+    asyncio.run(go())
+    assert [int(wait / 0.1) for wait in waits] == [1, 2, 1]
 
 
 FAILING = ("job", "complete", "answer", "abandon", "deliver")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import ssl
 import threading
@@ -43,14 +44,17 @@ class Wearer:
     pose: bytes = b""  # the last answer
     secure: ssl.SSLContext | None = None  # of an encrypted connection
 
-    def wear(self, address: str, over: threading.Event) -> None:
-        resume, sequence = None, 0
+    def wear(self, addresses: Sequence[str], over: threading.Event) -> None:
+        """Connect to each address in turn."""
+        resume, sequence, turns = None, 0, itertools.cycle(addresses)
         protocols = [Subprotocol(name) for name in self.protocols]
         while not over.is_set():
             with (
                 suppress(OSError, WebSocketException, TimeoutError),
                 self.reasons(),
-                connect(address, subprotocols=protocols, compression=None, open_timeout=1, ssl=self.secure) as client,
+                connect(
+                    next(turns), subprotocols=protocols, compression=None, open_timeout=1, ssl=self.secure
+                ) as client,
             ):
                 settings = Settings() if resume else self.settings
                 client.send(write_message(Hello(1, self.devices, resume=resume, settings=settings)))
@@ -109,10 +113,10 @@ class Wearer:
 
 
 @contextmanager
-def worn(wearers: Sequence[Wearer], address: str) -> Iterator[None]:
-    """Let wearers wear within the block."""
+def worn(wearers: Sequence[Wearer], *addresses: str) -> Iterator[None]:
+    """Let wearers wear within the block. Whenever a connection breaks, they try the next one of the addresses."""
     over = threading.Event()
-    threads = [threading.Thread(target=one.wear, args=(address, over)) for one in wearers]
+    threads = [threading.Thread(target=one.wear, args=(addresses, over)) for one in wearers]
     for thread in threads:
         thread.start()
     try:

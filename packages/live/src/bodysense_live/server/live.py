@@ -34,7 +34,7 @@ from bodysense_live.server.scheduler import Scheduler
 from bodysense_live.server.send_queue import SendQueue
 from bodysense_live.server.session_slot import OutputSelector, SessionSlot, WearerFile
 from bodysense_live.server.session_store import SessionKeeper, StoredSession
-from bodysense_live.server.supervisor import Supervisor
+from bodysense_live.server.supervisor import HOPELESS_AFTER, Supervisor
 from bodysense_live.sessions.answer import Answer
 from bodysense_live.sessions.recordings import Recordings
 from bodysense_live.sessions.replay import Playable, Player
@@ -86,7 +86,7 @@ class Live:
         self._scheduler: Scheduler[SessionSlot] = Scheduler(self._deliver, self._refuse, self.metrics.stepping.inc)
         self.supervisor.start(self._scheduler.run())
         self.supervisor.start(self._sweep())
-        self.supervisor.watch(lambda: self._scheduler.waiting_since)
+        self.supervisor.watch(lambda: self._scheduler.waiting_since, self._report_waiting)
         if self._settings.playable is not None and self._send_body is not None:
             self._inputs["replay"] = self._add_replay(self._settings.playable, "replay", Settings())
 
@@ -345,6 +345,13 @@ class Live:
         elif now - slot.failing_since >= _FAILING:
             slot.failing_since = now
             slot.send(Notice("your body could not be completed in the last second; the server's log has the reason"))
+
+    def _report_waiting(self, seconds: float) -> None:
+        """Send a message to the wearers whose frames wait."""
+        for slot in self._scheduler.waiting:
+            slot.send(
+                Notice(f"the server has answered no frame for {seconds:.0f} s; it ends after {HOPELESS_AFTER:g} s")
+            )
 
     def _send_to_avatars(self, answer: Answer) -> None:
         """Send a body to avatars. If that fails, the session continues."""

@@ -52,6 +52,7 @@ class Scheduler(Generic[Slot]):
     ) -> None:
         self._deliver, self._refuse, self._on_stepped = deliver, refuse, on_stepped
         self._ready: dict[Slot, float] = {}  # in order of arrival: since when (s) each has a frame
+        self._stepping: list[Slot] = []  # whose frames are being completed
         self._stepping_since: float | None = None  # s, when the oldest frame arrived that is being completed
         self._wake = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix="tracker")
@@ -70,6 +71,11 @@ class Scheduler(Generic[Slot]):
         waiting = [*self._ready.values(), *([] if self._stepping_since is None else [self._stepping_since])]
         return min(waiting, default=None)
 
+    @property
+    def waiting(self) -> set[Slot]:
+        """The slots whose frames wait for their answer."""
+        return {*self._ready, *self._stepping}
+
     async def run(self) -> None:
         """Step until cancelled."""
         try:
@@ -78,13 +84,13 @@ class Scheduler(Generic[Slot]):
                 self._wake.clear()
                 while self._ready:
                     batch, self._stepping_since = list(self._ready), min(self._ready.values())
-                    self._ready = {}
+                    self._ready, self._stepping = {}, batch
                     self.reading.clear()
                     try:
                         await self._step(batch)
                     finally:
                         self.reading.set()
-                        self._stepping_since = None
+                        self._stepping, self._stepping_since = [], None
                     for _ in range(_LOOP_TURNS if self._ready else 0):
                         await asyncio.sleep(0)
         finally:

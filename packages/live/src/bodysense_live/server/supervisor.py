@@ -23,6 +23,7 @@ class Supervisor:
     def __init__(self, end: Callable[[BaseException], None]) -> None:
         self._end, self._tasks = end, set[asyncio.Task[None]]()
         self._waiting_since: Callable[[], float | None] = lambda: None
+        self._report: Callable[[float], None] = lambda seconds: None
         self.failure: BaseException | None = None
 
     def start(self, coroutine: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
@@ -32,9 +33,14 @@ class Supervisor:
         task.add_done_callback(self._done)
         return task
 
-    def watch(self, waiting_since: Callable[[], float | None]) -> None:
-        """Watch how long frames wait. `waiting_since`: since when (s, monotonic) the oldest one does, or None."""
-        self._waiting_since = waiting_since
+    def watch(self, waiting_since: Callable[[], float | None], report: Callable[[float], None]) -> None:
+        """Watch how long frames wait.
+
+        Args:
+            waiting_since: returns since when (s, monotonic) the oldest one does, or None.
+            report: called once a second while the server is stuck, with the time in s for which the oldest one waits.
+        """
+        self._waiting_since, self._report = waiting_since, report
         self.start(self._check())
 
     async def stop(self) -> None:
@@ -55,10 +61,16 @@ class Supervisor:
         return self.failure is not None or self.longest_wait > STUCK_AFTER
 
     async def _check(self) -> None:
+        reported = 0  # times since a frame waits
         while True:
             await asyncio.sleep(_CHECK_INTERVAL)
-            if self.longest_wait > HOPELESS_AFTER:
+            waited = self.longest_wait
+            if waited > HOPELESS_AFTER:
                 raise TimeoutError(f"no frame was answered for {HOPELESS_AFTER:g} s")
+            due = int(waited / STUCK_AFTER)
+            if due > reported:
+                self._report(waited)
+            reported = due
 
     def _done(self, task: asyncio.Task[None]) -> None:
         self._tasks.discard(task)
