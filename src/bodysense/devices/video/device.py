@@ -24,7 +24,7 @@ from bodysense.devices.video.arm_geometry.lines import align_with_lines, with_de
 from bodysense.devices.video.arm_geometry.turns import align_arms, palm_rotations, with_palms
 from bodysense.devices.video.camera_level import CameraLevel, remove_roll, roll_matrix, tilt_matrix
 from bodysense.devices.video.landmark_points import TRUNK, FittedPoints, LandmarkPoints, locate_pelvis
-from bodysense.devices.video.landmark_smoothing import REACH, smooth_frame
+from bodysense.devices.video.landmark_smoothing import REACH, neighbours, smooth_frame
 from bodysense.devices.video.landmarks import BODY_LANDMARKS
 from bodysense.devices.video.person import PersonLandmarks, arm_keypoints, joined_landmarks
 from bodysense.devices.video.posture_constants import FEET_VISIBLE, FLOOR_HALF_LIFE, UNSEEN_LEGS, VISIBLE
@@ -106,7 +106,8 @@ class VideoState:
     begun: tuple[float, float] | None = None  # time (s) of the first sighting, and z (m) in the room then
     time: float = -np.inf  # s, time of the last sighting
     waiting: PersonLandmarks | None = None  # `done` frames that were output but are needed for smoothing, then the next
-    levels: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # of waiting frames: tilt, roll (rad), seated
+    # Of waiting frames: tilt, roll (rad), whether seated, and how visible the legs are, guessed ones included.
+    levels: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     done: int = 0
 
 
@@ -134,11 +135,12 @@ class VideoDevice:
     def step(self, person: PersonLandmarks, state: VideoState) -> tuple[VideoFrames, VideoState]:
         """Add the next T ≥ 1 frames; return the frames that are ready, and the state."""
         level, sitting, levels, frames = state.level, state.sitting, [], []
+        legs = person.visible[:, _LEG_MARKS].mean(axis=1)
         person = without_guessed_legs(person)
         for k in range(len(person)):
             sitting = sitting.step(person[k : k + 1])
             level = level.step(person[k : k + 1], sitting.is_seated)
-            levels.append((*self._angles(level), sitting.is_seated))
+            levels.append((*self._angles(level), sitting.is_seated, legs[k]))
             frames.append(remove_roll(person[k : k + 1], levels[-1][1]))
         person = joined_landmarks(frames)
         waiting = person if state.waiting is None else joined_landmarks([state.waiting, person])
@@ -169,7 +171,7 @@ class VideoDevice:
         seen = _empty_observation(person.time)
         positions, axes = np.empty((count, 3)), np.empty((count, 3, 3))
         for k in range(count):
-            settings, (tilt, roll, seated) = self.settings, state.levels[first + k]
+            settings, (tilt, roll, seated, _) = self.settings, state.levels[first + k]
             room = tilt_matrix(tilt)
             smooth = smooth_frame(waiting, first + k, LANDMARK_SMOOTHING, settings.look_ahead)
             fitted = self._points.fit(smooth) if smooth.has_body[0] else None
@@ -177,9 +179,10 @@ class VideoDevice:
                 assert turned is not None
                 fitted, state = self._follow(fitted, smooth, room, bool(seated), state)
                 places = smooth_frame(waiting, first + k, _ARM_SMOOTHING, settings.look_ahead).picture[0, _ARM_MARKS]
-                self._observe(
-                    seen, k, fitted, smooth, self._arms(fitted, turned[k], smooth, places, state), room, state
-                )
+                near = neighbours(waiting.time, first + k, LANDMARK_SMOOTHING, settings.look_ahead) * waiting.has_body
+                whole = float(near @ state.levels[:, 3] / near.sum())
+                bones = self._arms(fitted, turned[k], smooth, places, whole, state)
+                self._observe(seen, k, fitted, smooth, bones, room, state)
             axes[k] = room @ roll_matrix(roll)
             positions[k] = state.root - room @ state.place
         camera = Camera(positions, axes, np.full(count, self.focal), np.full(count, self.aspect))
@@ -216,12 +219,19 @@ class VideoDevice:
         return fitted, replace(state, root=np.array([x, -lowest, z - state.begun[1]]), floor=floor, time=time)
 
     def _arms(
-        self, fitted: FittedPoints, arms: np.ndarray, person: PersonLandmarks, places: np.ndarray, state: VideoState
+        self,
+        fitted: FittedPoints,
+        arms: np.ndarray,
+        person: PersonLandmarks,
+        places: np.ndarray,
+        whole: float,
+        state: VideoState,
     ) -> np.ndarray:
         """Return rotations (38, 4) of arms and hands in the camera's axes.
 
         Arms have local rotations `arms` (38, 4), and are aligned with their lines in the picture, at `places`
-        (2, 3, 2). Hands are turned toward their landmarks.
+        (2, 3, 2). Hands are turned toward their landmarks. `whole` is the visibility of the legs as the landmarker gives
+        it, by which the trust in depths was fitted.
         """
         chest = fitted.rotation[self.skeleton.index(CHEST)]
         pose = Pose(self._arm_skeleton, np.zeros(3), np.vstack([chest, arms]))
@@ -231,7 +241,7 @@ class VideoDevice:
         shoulders = fitted.position[self.skeleton.indices([f"{side}_shoulder" for side in SIDES]), 2]
         length = np.linalg.norm(np.diff(position[joints], axis=1), axis=-1)
         predicted = arm_directions(person.world[0, _ARM_MARKS])
-        away, whole = -float(state.place[2]) - shoulders, float(person.visible[0, _LEG_MARKS].mean())
+        away = -float(state.place[2]) - shoulders
         deep = with_depths(bones, predicted, person.picture[0, _ARM_MARKS], self.focal, away, length, whole)
         lines = align_with_lines(deep, places, self.focal, -float(state.place[2]))
         palms = palm_rotations(person.hand_world[0], self.skeleton)

@@ -9,13 +9,18 @@ from bodysense.devices.video.person import PersonLandmarks
 REACH = 3.0  # width of the smoothing to either side, in its standard deviations
 
 
+def neighbours(time: np.ndarray, frame: int, deviation: float, ahead: float = 0.0) -> np.ndarray:
+    """Return the weights (T,) of the frames at `time` (T,) s in the average of one of them (`smooth_frame`)."""
+    later = time - time[frame]
+    return np.exp(-0.5 * (later / deviation) ** 2) * (np.abs(later) <= REACH * deviation) * (later <= ahead + 1e-6)
+
+
 def smooth_frame(person: PersonLandmarks, frame: int, deviation: float, ahead: float) -> PersonLandmarks:
     """Average one frame with its neighbours, up to `ahead` s later, by a Gaussian of standard deviation `deviation` s.
 
     Returns one frame. It has no body if no frame in reach has one.
     """
-    later = person.time - person.time[frame]
-    near = np.exp(-0.5 * (later / deviation) ** 2) * (np.abs(later) <= REACH * deviation) * (later <= ahead + 1e-6)
+    near = neighbours(person.time, frame, deviation, ahead)
 
     def mean(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
         weight = np.where(mask, near.reshape(-1, *[1] * (mask.ndim - 1)), 0.0)
