@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 from functools import cache
 from pathlib import Path
 from typing import Literal
@@ -32,8 +33,12 @@ def package(module: str) -> str:
 
 @cache
 def parsed(module: str) -> ast.Module:
-    """Return the syntax tree of a module."""
-    return ast.parse(MODULES[module].read_text(encoding="utf-8"))
+    """Return the syntax tree of a module. Looking for unused objects meanwhile would take twice as long as the rest."""
+    gc.disable()
+    try:
+        return ast.parse(MODULES[module].read_text(encoding="utf-8"))
+    finally:
+        gc.enable()
 
 
 @cache

@@ -271,8 +271,10 @@ def _axis(points: PlacedPoints, floor: float) -> list[tuple[str, str]]:
         return []
     if axis == "-y":
         return [("axis", _axis_text(axis))] if heights.min() < -_SUNK else []  # on the hands, else
-    if len(directions) == 1 and not _confirms(rise, mean, heights):
-        return []
+    if len(directions) == 1:  # a turned head alone: hands below it, or a head in the floor, must confirm the axis
+        is_low = not _FLAT_HEAD < heights.min() < _TALL
+        if not (is_low if rise is None else rise @ mean > _RISE and rise[1] < _RISE):
+            return []
     return [] if _can_lie(points, floor) else [("axis", _axis_text(axis))]
 
 
@@ -287,13 +289,6 @@ def _can_lie(points: PlacedPoints, floor: float) -> bool:
         and np.ptp(trunk) < _THICK
         and heights.max() < trunk.max() + _LIMB
     )
-
-
-def _confirms(rise: np.ndarray | None, up: np.ndarray, heights: np.ndarray) -> bool:
-    """Whether hands below the head, or a head in the floor, confirm the axis `up` (3,) of a turned head alone."""
-    if rise is None:
-        return not _FLAT_HEAD < heights.min() < _TALL
-    return bool(rise @ up > _RISE and rise[1] < _RISE)
 
 
 def _nearest_axis(vector: np.ndarray) -> tuple[UpAxis, float]:

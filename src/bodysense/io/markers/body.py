@@ -93,7 +93,9 @@ def body_of(
         frames, _, mirrored = segment_axes(markers, places)
         _check_mirror(markers, places, frames, place, form.left_handed)
         alarms += _check_body(places, accuracy, raw.frame_rate, place, form)
-        if _is_between_hips(places, accuracy, size):
+        hips = [places[name] for name in ("pelvis", "left_hip", "right_hip") if name in accuracy]
+        apart = np.linalg.norm(hips[0] - (hips[1] + hips[2]) / 2, axis=-1) if len(hips) == 3 else np.array([np.nan])
+        if np.isfinite(apart).any() and np.nanmedian(apart) < BETWEEN * size:  # as in key points of a video
             del accuracy["pelvis"]
             remarks.append("the pelvis is left out: it is the middle of the hips, and ours is 9 cm over it")
         rotations |= segment_rotations(markers, frames, rotations)
@@ -335,14 +337,6 @@ def _angles(rotation: np.ndarray, rest: np.ndarray, way: np.ndarray) -> list[flo
     way = way[seen]
     cosine = (quaternion_rotate(rotation[seen], np.broadcast_to(rest, way.shape)) * way).sum(axis=-1)
     return np.arccos(np.clip(cosine / np.linalg.norm(way, axis=-1), -1, 1)).tolist()
-
-
-def _is_between_hips(places: Places, accuracy: Collection[str], size: float) -> bool:
-    """Whether the pelvis is the middle of the hips, as in key points of a video."""
-    if not {"pelvis", "left_hip", "right_hip"} <= set(accuracy):
-        return False
-    apart = np.linalg.norm(places["pelvis"] - (places["left_hip"] + places["right_hip"]) / 2, axis=-1)
-    return bool(np.isfinite(apart).any() and np.nanmedian(apart) < BETWEEN * size)
 
 
 def _check_mirror(

@@ -198,7 +198,9 @@ class Labeller:
         """Return a hand after its points were labelled; remove labels of impossible points in place."""
         if not expected.size:
             return expected
-        place, seen = self._seen(k, points, labels)
+        place, mine = np.full((_COUNT, 3), np.nan), _of_hand(labels, k)  # m, in the hand's mirrored world
+        place[labels[mine] - k * _COUNT] = points[mine] * self._flips[k]
+        seen = np.asarray(np.isfinite(place[:, 0]))
         for marker in self._misplaced_on_back(k, place, seen, expected.size):
             seen[marker] = False
             labels[labels == k * _COUNT + marker] = -1
@@ -220,12 +222,6 @@ class Labeller:
         hidden = np.where(seen, 0.0, expected.hidden)
         usual = expected.usual or expected.size * (age > _PROVEN)
         return HandTrack(expected.size, now, velocity, hidden, weak, age, usual)
-
-    def _seen(self, k: int, points: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return markers (9, 3) m of a hand in its mirrored world, and the mask (9,) of seen ones."""
-        place, mine = np.full((_COUNT, 3), np.nan), _of_hand(labels, k)
-        place[labels[mine] - k * _COUNT] = points[mine] * self._flips[k]
-        return place, np.asarray(np.isfinite(place[:, 0]))
 
     def _misplaced_on_back(self, k: int, place: np.ndarray, seen: np.ndarray, size: float) -> list[int]:
         """Return the markers on the back of the hand with the most impossible distances to the others there."""
