@@ -1,4 +1,4 @@
-"""Input of the twins of marker servers: a person in a marker set with two gloves, at any rate and time."""
+"""Input of the twins of marker servers: a person in a marker set with two gloves, at any time."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bodysense.devices.simulated.glove import observe
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 
-SUBJECT = "Anna"
+SUBJECT, RATE = "Anna", 100.0  # Hz
 BODIES = ("Hips", "Prop")  # rigid bodies: one on the pelvis, one that lies in the room
 
 
@@ -37,9 +37,9 @@ class Captured:
 
 
 @cache
-def captured(rate: float = 100.0, gloves: bool = True, body: bool = True) -> Captured:
+def captured(gloves: bool = True, body: bool = True) -> Captured:
     """Return a performance in the markers of Plug-in Gait and of two gloves."""
-    clip = resample(performance_of_unseen_body(), rate)
+    clip = resample(performance_of_unseen_body(), RATE)
     places = marker_positions(clip.pose, PLUG_IN_GAIT) if body else {}
     if gloves:
         hands = observe(clip.pose, clip.time)
@@ -53,5 +53,5 @@ def captured(rate: float = 100.0, gloves: bool = True, body: bool = True) -> Cap
         np.stack(list(places.values()), axis=1),
         np.stack([position[:, pelvis], prop[0]], axis=1),
         np.stack([rotation[:, pelvis], prop[1]], axis=1),
-        rate,
+        RATE,
     )

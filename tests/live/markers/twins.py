@@ -46,7 +46,6 @@ class Twin:
         self.capture, self.hidden, self.labelled = capture, hidden, labelled
         self.bodies: tuple[str, ...] = BODIES if bodies else ()
         self.use = list(range(len(capture.labels)))  # markers that are sent
-        self.sent: dict[int, float] = {}  # frame → when it was sent, s of the monotonic clock
         self.frame = 0
         self._socket = socket.socket(socket.AF_INET, self.kind)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -94,7 +93,6 @@ class Twin:
             wait = due - time.monotonic()
             if wait > 0:
                 time.sleep(wait)
-            self.sent[self.frame] = time.monotonic()
             self._send(self.frame)
             self.frame += 1
 

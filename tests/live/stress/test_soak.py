@@ -50,7 +50,7 @@ def test_files_and_memory_of_processes_that_a_server_started_are_counted() -> No
 @pytest.mark.slow
 @pytest.mark.alone
 def test_wearers_over_a_bad_network_are_answered_and_resume() -> None:
-    plan = SoakPlan(sessions=4, seconds=12.0, seconds_connected=2.5)
+    plan = SoakPlan(seconds_connected=2.5)
     counts = soak(plan, np.random.default_rng(1))
     assert faults(counts, plan) == []
     assert counts.breaks > 2 and counts.resumed > 2
