@@ -20,8 +20,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from import_graph import MODULES, package, parsed
 
-import bodysense
 from bodysense.body.pose import Pose
 from bodysense.cli import main
 from bodysense.errors import BodysenseError
@@ -30,7 +30,6 @@ from bodysense.io.formats.bvh import read_bvh, write_bvh
 from bodysense.io.formats.gltf.writer import write_glb
 from bodysense.sources.conversion import convert
 
-SOURCES = Path(bodysense.__file__).parent
 COMMAND = re.compile(
     r"\b(?:bodysense [a-z]+(?= )|python -c|gunzip|iconv|blender -b|pip install|dask scheduler|python scripts)"
 )
@@ -55,8 +54,8 @@ ELSEWHERE = {
 def messages() -> tuple[str, ...]:
     """Return the texts of the library, with {} for values; docstrings are left out."""
     found = list[str]()
-    for path in sorted(SOURCES.rglob("*.py")):
-        nodes, dropped = list(ast.walk(ast.parse(path.read_text(encoding="utf-8")))), set[int]()
+    for module in (module for module in MODULES if package(module) == "bodysense"):
+        nodes, dropped = list(ast.walk(parsed(module))), set[int]()
         for node in nodes:
             if isinstance(node, ast.Expr):
                 dropped.add(id(node.value))

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from import_graph import MODULES, parsed
 
 import bodysense
 from bodysense_live.security.safety import Access
@@ -238,11 +239,10 @@ MEASURING = ("bench/timing.py",)  # of the laboratory, on Unix
 
 def test_nothing_takes_unix_for_granted() -> None:
     word, found = re.compile(rf"\b({'|'.join([*UNIX, *MISSING, *STARTS])})\b"), []
-    for path in sorted([*(ROOT / "src").rglob("*.py"), *(ROOT / "packages").glob("*/src/**/*.py")]):
-        text = path.read_text(encoding="utf-8")
-        if path.as_posix().endswith(MEASURING) or not word.search(text):
+    for module, path in MODULES.items():
+        if path.as_posix().endswith(MEASURING) or not word.search(path.read_text(encoding="utf-8")):
             continue
-        for node in ast.walk(ast.parse(text)):
+        for node in ast.walk(parsed(module)):
             names: list[str] = []
             if isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names if alias.name in UNIX]

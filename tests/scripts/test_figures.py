@@ -209,19 +209,6 @@ def test_figures_of_the_papers_rows_are_cells_of_the_tables() -> None:
         rows.cell_of(block, "d", "x")
 
 
-def test_no_row_only_links_to_a_page_that_has_its_figures() -> None:
-    page = (ROOT / rows.PAGE).read_text(encoding="utf-8")
-    cells = [line.strip("| ").split(" | ") for line in page.splitlines() if re.match(r"\| \d\.\d+ \|", line)]
-    assert [row[0] for row in cells if row[3].startswith("[")] == []
-    assert [row[0] for row in cells if row[3] == "–"] == []
-    assert [row[0] for row in cells if row[5] == "–"] == []
-    assert {len(row) for row in cells} == {8}
-    assert [row[0] for row in cells if row[6] == "–"] == ["1.12", "2.11", "4.4", "4.10", "4.14"]  # these need nothing
-    assert set(ROWS["trainings"]).isdisjoint(ROWS["blocks"])
-    assert {row[0] for row in cells if row[7] != "–"} <= set(ROWS["trainings"]) | set(ROWS["blocks"])
-    assert all(float(row[7]) > 0 for row in cells if row[7] != "–")
-
-
 def test_a_row_names_the_command_that_prints_its_figure() -> None:
     page = (ROOT / rows.PAGE).read_text(encoding="utf-8")
     named = {cells[0]: cells[2] for line in page.splitlines() if len(cells := line.strip("| ").split(" | ")) == 8}

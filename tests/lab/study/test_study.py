@@ -102,14 +102,6 @@ def test_simulated_preference_is_recovered(tmp_path: Path) -> None:
         simulated(tmp_path / "d", key, 1, truth=0.8, baseline=-0.5)
 
 
-def test_without_preference_one_in_twenty_is_significant(tmp_path: Path) -> None:
-    key = key_of(4)
-    cast = simulated(tmp_path / "a", key, 16 * 30)
-    tested = [one for k in range(30) for one in preferences(key, cast[16 * k : 16 * k + 16])["(all)"]]
-    low, high = stats.binom.interval(0.999, len(tested), 0.05)
-    assert low <= sum(one.p < 0.05 for one in tested) <= high
-
-
 def other_scene(held: dict[str, Any]) -> None:
     first, last = held["answers"][0], held["answers"][-1]
     first["left"] = last["left"]
