@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
 
@@ -32,10 +32,12 @@ SKELETON = default_skeleton()
 HEAD = SKELETON.index("head")
 
 
-@dataclass(frozen=True)
-class Repeat:
-    """An estimator that returns the observed positions."""
+@dataclass(frozen=True, eq=False)
+class Constant:
+    """An estimator that returns the observed positions, and constant predictions for the others."""
 
+    position: np.ndarray = field(default_factory=lambda: np.full((len(SKELETON.points), 3), np.nan))  # m
+    error: np.ndarray = field(default_factory=lambda: np.full(len(SKELETON.points), 0.001))  # m
     skeleton: Skeleton = SKELETON
 
     def start(self) -> None:
@@ -43,7 +45,8 @@ class Repeat:
 
     def step(self, observation: Observation, state: None) -> tuple[PointEstimate, None]:
         position, _, seen, _ = observed_points(observation, self.skeleton)
-        return PointEstimate(self.skeleton, position, np.zeros(seen.shape), np.full(seen.shape, 0.001)), None
+        place = np.where(seen[..., None], position, self.position)
+        return PointEstimate(self.skeleton, place, np.zeros(seen.shape), np.tile(self.error, (len(seen), 1))), None
 
 
 def observed(pose: Pose, time: np.ndarray) -> Observation:
@@ -124,14 +127,14 @@ def test_the_same_time_gives_the_same_however_it_is_split(
     """Also where the body already moves."""
     start = replace(resting(bent(0.2)), root_velocity=np.array(velocity))
     many, one = (smoothed(start, bent(1.0), steps, half_life) for steps in (intervals, [sum(intervals)]))
-    for field in ("root_position", "root_velocity", "rotation", "spin"):
-        np.testing.assert_allclose(getattr(many, field), getattr(one, field), atol=1e-9)
+    for name in ("root_position", "root_velocity", "rotation", "spin"):
+        np.testing.assert_allclose(getattr(many, name), getattr(one, name), atol=1e-9)
 
 
 def test_the_tracker_smooths_a_jump_by_its_half_life() -> None:
     """Frames at 100 Hz: two after a jump, with a half-life of 20 ms, half of it is left."""
     settings = IkTrackerSettings(half_life=0.02, ik=IkSettings(tolerance=1e-7))
-    tracker = IkTracker(Repeat(), settings)
+    tracker = IkTracker(Constant(), settings)
     before, after = bent(0.0), bent(0.6)
     start, _, state = tracker.step(observed(still(before, 30), np.arange(30) / 100), tracker.start())
     poses, _, _ = tracker.step(observed(still(after, 60), 0.3 + np.arange(60) / 100), state)
@@ -142,7 +145,7 @@ def test_the_tracker_smooths_a_jump_by_its_half_life() -> None:
 
 def test_whole_motion_comes_back_when_all_is_seen(waving_clip: Clip) -> None:
     observation = observed(waving_clip.pose, waving_clip.time)
-    poses, _, _ = IkTracker(Repeat(), IkTrackerSettings(half_life=0.0)).step(observation, IkTrackerState(None))
+    poses, _, _ = IkTracker(Constant(), IkTrackerSettings(half_life=0.0)).step(observation, IkTrackerState(None))
     error = np.linalg.norm(forward_kinematics(poses)[0] - observation.position, axis=-1)
     assert error.max() < 2e-3
 
@@ -183,7 +186,7 @@ def test_the_head_is_turned_as_measured(tracker: IkTracker, waving_clip: Clip) -
 
 @pytest.mark.parametrize(("first", "second"), [(1.0, 1.0), (1.0, 0.5), (1.0, np.nan)])
 def test_time_that_does_not_increase_is_refused(first: float, second: float) -> None:
-    tracker = IkTracker(Repeat())
+    tracker = IkTracker(Constant())
     pose = still(standing_pose(SKELETON), 1)
     _, _, state = tracker.step(observed(pose, np.array([first])), tracker.start())
     with pytest.raises(BodysenseError, match=rf"frame at {second:g} s came after one at {first:g} s; give frames in"):
@@ -194,7 +197,7 @@ def test_time_that_does_not_increase_is_refused(first: float, second: float) -> 
 
 def test_a_long_gap_resets_the_state() -> None:
     """After more than a second without frames nothing of the old motion is left; after less, it is."""
-    tracker = IkTracker(Repeat())
+    tracker = IkTracker(Constant())
     before, after = still(bent(0.0), 2), still(bent(0.9), 1)
     _, _, state = tracker.step(observed(before, np.array([0.0, 0.03])), tracker.start())
     fresh, _, _ = tracker.step(observed(after, np.array([0.0])), tracker.start())
@@ -209,25 +212,6 @@ def test_a_long_gap_resets_the_state() -> None:
 def test_impossible_settings_are_refused() -> None:
     with pytest.raises(BodysenseError, match=r"half_life is -0\.1; it must be 0 or more"):
         IkTrackerSettings(half_life=-0.1)
-
-
-@dataclass(frozen=True, eq=False)
-class Constant:
-    """An estimator with constant predictions."""
-
-    position: np.ndarray  # (P, 3) m
-    error: np.ndarray  # (P,) m
-    skeleton: Skeleton = SKELETON
-
-    def start(self) -> None:
-        return None
-
-    def step(self, observation: Observation, state: None) -> tuple[PointEstimate, None]:
-        position, _, seen, _ = observed_points(observation, self.skeleton)
-        predicted = np.where(seen[..., None], position, self.position)
-        return PointEstimate(
-            self.skeleton, predicted, np.zeros(seen.shape), np.broadcast_to(self.error, seen.shape)
-        ), None
 
 
 def test_more_certain_points_pull_more() -> None:
