@@ -360,18 +360,13 @@ def _observations(observations: Sequence[Observation]) -> tuple[ctypes.Array, li
             masks = (one.has_position, one.has_rotation)
             arrays = [None if values is None else np.ascontiguousarray(values, np.float64) for values in numbers]
             arrays += [np.ascontiguousarray(values, np.bool_) for values in masks]
-            time, position, rotation, accuracy, acceleration, has_position, has_rotation = map(_place, arrays)
+            time, position, rotation, accuracy, acceleration, has_position, has_rotation = (
+                None if one is None else address(one) if one.flags.writeable else one.ctypes.data for one in arrays
+            )
             fields = (time, position, rotation, has_position, has_rotation, accuracy, acceleration)
             keep.append((arrays, names))
         rows.append(ObservationStruct(frames, points, point, *fields))
     return (ObservationStruct * len(rows))(*rows), keep
-
-
-def _place(values: np.ndarray | None) -> int | None:
-    """Return the address of a contiguous array, which may be read-only; None for None."""
-    if values is None:
-        return None
-    return address(values) if values.flags.writeable else values.ctypes.data
 
 
 @dataclass(frozen=True, eq=False)

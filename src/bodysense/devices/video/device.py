@@ -230,8 +230,8 @@ class VideoDevice:
         """Return rotations (38, 4) of arms and hands in the camera's axes.
 
         Arms have local rotations `arms` (38, 4), and are aligned with their lines in the picture, at `places`
-        (2, 3, 2). Hands are turned toward their landmarks. `whole` is the visibility of the legs as the landmarker gives
-        it, by which the trust in depths was fitted.
+        (2, 3, 2). Hands are turned toward their landmarks. `whole` is the visibility of the legs as the landmarker
+        gives it, by which the trust in depths was fitted.
         """
         chest = fitted.rotation[self.skeleton.index(CHEST)]
         pose = Pose(self._arm_skeleton, np.zeros(3), np.vstack([chest, arms]))
