@@ -189,9 +189,7 @@ def test_kinematics_of_any_tree_equal_a_walk_along_its_bones() -> None:
         parents = [-1, *(int(rng.integers(0, k)) for k in range(1, joints))]
         parents += rng.integers(0, joints, sites).tolist()
         offset, root = rng.standard_normal((joints + sites, 3)), rng.standard_normal((frames, 3))
-        turns = (
-            Rotation.random(frames * joints, random_state=seed).as_quat(scalar_first=True).reshape(frames, joints, 4)
-        )
+        turns = Rotation.random(frames * joints, rng=rng).as_quat(scalar_first=True).reshape(frames, joints, 4)
         position, world = tree_kinematics(parents, offset, root, turns)
         for frame in range(frames):
             turned, place = [], [root[frame]]

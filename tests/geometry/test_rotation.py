@@ -65,7 +65,7 @@ def test_multiplication_rotates_by_the_right_factor_first() -> None:
 def test_inner_products_are_added_up_in_the_order_of_numpy(width: int, rows: int) -> None:
     a, b = np.random.default_rng(width).standard_normal((2, 2, rows, width))
     assert np.array_equal(r.dot(a, b), np.sum(a * b, axis=-1, keepdims=True))
-    assert np.array_equal(r.dot(a.astype(np.float32), b.astype(np.float32)).dtype, np.float32)
+    assert r.dot(a.astype(np.float32), b.astype(np.float32)).dtype == np.float32
 
 
 def test_canonical_is_the_same_rotation_with_positive_w() -> None:

@@ -380,7 +380,7 @@ def _address(values: np.ndarray) -> int:
     """Return the address of an array's numbers. `values.ctypes` takes four times as long, so it is the last resort."""
     flags = values.flags
     if flags.c_contiguous and flags.writeable and values.size:
-        return ctypes.addressof(ctypes.c_char.from_buffer(values))
+        return ctypes.addressof(ctypes.c_char.from_buffer(values.data))
     return values.__array_interface__["data"][0]
 
 

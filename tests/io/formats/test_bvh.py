@@ -271,7 +271,7 @@ def test_a_failed_write_names_the_problem_and_keeps_the_old_file(tmp_path: Path,
 def test_joints_that_keep_still_are_written_as_others_are(tmp_path: Path) -> None:
     """Rows of a file whose numbers do not change in some blocks: each number as Python formats it alone."""
     rng, skeleton = np.random.default_rng(2), default_skeleton()
-    turns = Rotation.random(600 * len(skeleton.joints), random_state=1).as_quat(scalar_first=True)
+    turns = Rotation.random(600 * len(skeleton.joints), rng=rng).as_quat(scalar_first=True)
     rotation = turns.reshape(600, len(skeleton.joints), 4)
     rotation[:, 5], rotation[:, 7], rotation[:300, 9] = rotation[0, 5], [1.0, 0.0, 0.0, 0.0], rotation[0, 9]
     clip = Clip("still", Pose(skeleton, rng.standard_normal((600, 3)) * [1.0, 0.0, 1.0], rotation), 30.0)

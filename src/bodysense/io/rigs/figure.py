@@ -186,7 +186,7 @@ class Figure:
         wanted = list(range(len(self.parents))) if points is None else points
         count = len(self.joints)
         if not self.position.keys() - {0}:
-            root = self.position.get(0, self.offset[0])
+            root = self.position[0] if 0 in self.position else self.offset[0]
             at, turned = tree_kinematics(self.parents, self.offset, root, self.rotation)
             carried = [k if k < count else self.parents[k] for k in wanted]
             return at[:, wanted], turned[:, carried]
