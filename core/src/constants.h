@@ -248,11 +248,15 @@
 #define FOOT_MOST_TURN 0.6F    /* rad; a standing foot that is turned farther turns along. 0.35: who turns glides */
 #define FOOT_TURN_LEAK 3.0F    /* s in which half of a standing foot's turn is given up. 1: who turns glides */
 /* A foot that its leg drags along is lifted. Without it, feet of real headsets glide in 4 to 11 % of calm frames. */
-#define FOOT_LIFT 0.025F       /* m, of a foot that moves. 0.02: feet of hanging hands glide in 5 % of frames */
-#define FOOT_MOVES 0.06F       /* m/s; a faster foot moves, in full at twice that. 0.08: gliding of calm heads is 1.5 to 5 % */
-#define FOOT_RISE 0.012F       /* s in which half of that is made up. 0.02: feet of hanging hands glide a fifth more often */
-#define FOOT_LAND 0.05F        /* s in which half of it is given up */
-#define FOOT_CALM 0.3F         /* m/s, of the head: under a calmer one, feet that move are lifted in full */
+#define FOOT_LIFT 0.028F       /* m, of a foot that moves. 0.025: feet of hanging hands glide in 3.1 % of frames, not 2.8 */
+#define FOOT_MOVES 0.05F       /* m/s; a faster foot moves, in full at twice that. 0.08: gliding of calm heads is 1.5 to 5 % */
+#define FOOT_LAG 0.01F         /* s in which half of a foot's way is followed, by which its speed is known. 0: at 144 Hz,
+                                  noise of 1 mm lifts standing feet by 6 mm */
+#define FOOT_RISE 0.5F         /* m/s; it rises no faster. 0.4: feet of hanging hands glide a tenth more often; 0.6: shins
+                                  that are found again jump by over 5 degrees */
+#define FOOT_LAND 0.05F        /* s in which half of it is given up. 0.025 and 0.1: as much gliding; shins jump alike */
+#define FOOT_CALM 0.3F         /* m/s, of the head: under a calmer one, feet that move are lifted in full. 0.15: feet of a
+                                  head alone glide in 0.28 % of frames, not 0.03 */
 #define FOOT_WALKS 0.6F        /* m/s; feet under a faster one roll, and are not lifted: their knees would bend by a degree */
 
 /* ---- steps ------------------------------------------------------------------------------------------------------- */
@@ -262,8 +266,9 @@
 #define STEP_LEAST_SURE 0.12F  /* m; so does a foot of sure contact. 0.08: a third more false steps on recordings */
 #define STEP_LOOSE 0.3F        /* probability of contact up to which contact is doubtful */
 #define STEP_SURE 0.9F         /* and from which it is sure: that of people who stand still */
-#define STEP_STRAIN 0.03F      /* m·s; a foot that strains more steps: 10 cm too far for 0.3 s. 0.008: false steps */
-#define STEP_DRAGGED 1.0F      /* s; a foot that its leg drags by 3 cm steps. 0: feet of real headsets glide half as often
+#define STEP_STRAIN 0.015F     /* m·s; a foot that strains more steps: 10 cm too far for 0.15 s. 0.008: false steps; 0.03:
+                                  a sixth more steps are missing in turns and shuffles */
+#define STEP_DRAGGED 1.0F      /* s; a foot that its leg drags by 2 cm steps. 0: feet of real headsets glide half as often
                                   again. 2: more false steps of the head alone */
 #define STEP_SPAN 0.35F        /* s; a step lasts as long at least. 0.3: knees jump by over 5 cm a frame */
 #define STEP_SPEED 0.4F        /* m/s; mean speed of a long step, as which it lasts longer */

@@ -176,18 +176,29 @@ static float lifted_at(double speed) {
 static double foot_lift(const bs_model *m) { (void)m; return (double)lifted_at(9); }
 static double foot_moves(const bs_model *m) { (void)m; LEAST(0, 1, lifted_at(at) > 1e-6F); }
 
-/* Seconds in which half of the lift is made up by a foot that begins to move, or given up by one that stops. */
-static double half_of_lift(bool rises) {
-    foot_state s = {.shown = true, .lifted = rises ? 0.0F : lifted_at(9)};
-    const float half = 0.5F * lifted_at(9);
+/* The lift (m) of a foot that is shown first with `lifted` (m), and has moved on by `step` (m) in each of some frames. */
+static float lift_after(float lifted, float step, int frames) {
+    foot_state s = {.shown = true, .lifted = lifted};
+    for (int k = 1; k <= frames; k++) lift_moving(&s, vec(step * (float)k, 0, 0), false, TICK);
+    return s.lifted;
+}
+
+static double foot_lag(const bs_model *m) { /* s until a foot that has jumped by 1 m is followed by half of that */
+    foot_state s = {.shown = true};
     int frames = 0;
-    for (; (s.lifted < half) == rises && frames < FOREVER; frames++)
-        lift_moving(&s, vec(rises ? 9.0F * TICK * (float)(frames + 1) : 0.0F, 0, 0), false, TICK);
+    (void)m;
+    for (; s.ball.x < 0.499F && frames < FOREVER; frames++) lift_moving(&s, vec(1, 0, 0), false, TICK);
     return (double)frames * (double)TICK;
 }
 
-static double foot_rise(const bs_model *m) { (void)m; return half_of_lift(true); }
-static double foot_land(const bs_model *m) { (void)m; return half_of_lift(false); }
+static double foot_rise(const bs_model *m) { (void)m; return (double)(lift_after(0, 9.0F * TICK, 2) / (2.0F * TICK)); }
+
+static double foot_land(const bs_model *m) { /* s in which half of the lift is given up */
+    int frames = 1;
+    (void)m;
+    while (lift_after(1.0F, 0, frames) > 0.501F && frames < FOREVER) frames++;
+    return (double)frames * (double)TICK;
+}
 
 /* How high a foot that is dragged is shown over the floor (m), under a head of a speed (m/s). */
 static float shown_lift(double speed) {

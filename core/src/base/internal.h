@@ -40,6 +40,11 @@ typedef struct tracked {
 
 static inline bool known_rotation(const tracked *t, int joint) { return t->has_rotation[joint] || t->implied[joint]; }
 
+/* Whether a point has a position, or is a joint with a known rotation. */
+static inline bool is_measured(const tracked *t, int point) {
+    return t->has_position[point] || (point < BODY_JOINTS && known_rotation(t, point));
+}
+
 #define UNTRACKED 1e4F /* m: the accuracy of a point that is not tracked */
 
 /* The frame under the head: on the floor below it, turned as it looks. */

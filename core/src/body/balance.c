@@ -41,9 +41,7 @@ static bool hangs_on(int point, int joint) {
 /* Whether the head is placed, and the legs and the trunk up to the neck and the collars are predicted. */
 static bool predicted_below(const tracked *t) {
     for (int k = 0; k < BODY_POINTS; k++) {
-        int point = BODY_POINT[k];
-        if (hangs_on(point, SPINE3)) continue;
-        if (t->has_position[point] || (point < BODY_JOINTS && known_rotation(t, point))) return false;
+        if (!hangs_on(BODY_POINT[k], SPINE3) && is_measured(t, BODY_POINT[k])) return false;
     }
     return t->has_position[HEAD];
 }

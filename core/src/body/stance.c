@@ -10,12 +10,10 @@ static const signed char LEG[2][4] = {
 
 /* Whether a point of a leg is measured. */
 static bool leg_measured(const tracked *t) {
-    for (int k = 0; k < 2; k++) {
+    for (int k = 0; k < 2; k++)
         for (int j = 0; j < 4; j++)
-            if (t->has_position[LEG[k][j]] || known_rotation(t, LEG[k][j])) return true;
-        if (t->has_position[LEFT_TOE + k]) return true;
-    }
-    return false;
+            if (is_measured(t, LEG[k][j])) return true;
+    return t->has_position[LEFT_TOE] || t->has_position[RIGHT_TOE];
 }
 
 void turn_stance(const tracked *t, pose_state *s, prediction *p) {

@@ -63,12 +63,13 @@ foot_flight advance_step(foot_state *s, float interval) {
 }
 
 float lift_moving(foot_state *s, vec3 ball, bool driven, float interval) {
-    vec3 moved = sub(ball, s->ball);
+    float followed = s->shown ? 1.0F - power_of_two(-interval / FOOT_LAG) : 1.0F;
+    vec3 moved = scale(sub(ball, s->ball), followed);
     float speed = s->shown && !driven ? length(vec(moved.x, 0.0F, moved.z)) / interval : 0.0F;
     float lifted = FOOT_LIFT * clamp(speed / FOOT_MOVES - 1.0F, 0.0F, 1.0F);
-    float half_life = lifted > s->lifted ? FOOT_RISE : FOOT_LAND;
-    s->lifted += (lifted - s->lifted) * (1.0F - power_of_two(-interval / half_life));
-    s->ball = ball;
+    float landed = s->lifted + (lifted - s->lifted) * (1.0F - power_of_two(-interval / FOOT_LAND));
+    s->lifted = lifted > s->lifted ? fminf(lifted, s->lifted + interval * FOOT_RISE) : landed;
+    s->ball = add(s->ball, moved);
     s->shown = true;
     return s->lifted;
 }
