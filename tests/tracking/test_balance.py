@@ -41,7 +41,7 @@ def off_balance(position: np.ndarray) -> np.ndarray:
 
 def test_bodies_that_stand_are_over_their_feet() -> None:
     """Without the rule the centre of mass is over 6 cm off in half of the frames, and feet float in a fifth of them."""
-    scenes = [job.draw()[1] for job in scene_jobs("val", KINDS, 1)]
+    scenes = [job.draw()[1] for job in scene_jobs("val", KINDS, 3)]
     seen = [scene.observe(SENSOR_SETS["three_point"]) for scene in scenes]
     tracked = track_people([Person(scene.skeleton) for scene in scenes], seen, packaged_model())
     off, above, settled = [], [], round(RATE)
@@ -52,5 +52,5 @@ def test_bodies_that_stand_are_over_their_feet() -> None:
             result.position[settled:, feet, 1].min(axis=1) - scene.world_pose[0][settled:, feet, 1].min(axis=1)
         )
     assert np.median(np.concatenate(off)) < 0.05
-    assert np.mean(np.concatenate(off) > 0.06) < 0.25
-    assert np.mean(np.concatenate(above) > 0.03) < 0.12
+    assert np.mean(np.concatenate(off) > 0.06) < 0.18
+    assert np.mean(np.concatenate(above) > 0.03) < 0.06

@@ -88,7 +88,7 @@ def test_accelerations_are_those_of_people(kind: str) -> None:
 def test_who_stands_still_is_balanced_on_straight_legs(kind: str) -> None:
     for case in cases(kind):
         upright = case.still & case.motion.in_phase("standing")
-        if not upright.any() or kind == "lean_on_wall":
+        if not upright.any() or kind in ("lean_on_wall", "lean_on_a_table"):
             continue
         weight = 0.55 * case.points("spine1")[:, 0] + 0.45 * case.points("spine3")[:, 0]
         feet = np.concatenate([case.pair("ankle"), case.pair("toe")], axis=1)

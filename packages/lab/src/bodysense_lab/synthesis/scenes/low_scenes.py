@@ -148,7 +148,7 @@ def _sit_on_heels(script: Script) -> None:
     draw = script.draw
     down, up, hold = script.duration(0.8, 1.4), script.duration(0.8, 1.3), script.duration(1.0, 3.0)
     begin, held = script.clock, script.clock + down
-    script.moves.pulse(begin, held, held + hold, held + hold + up, kneel_angle=draw.between(25, 56))
+    script.moves.pulse(begin, held, held + hold, held + hold + up, kneel_angle=draw.between(25, 46))
     script.moves.pulse(begin, held, held + hold, held + hold + up, tilt=draw.between(-5, 8))
     script.phase("kneeling", begin, held + hold + up)
     change_arms(script, share=0.4)

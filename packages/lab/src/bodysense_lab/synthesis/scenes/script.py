@@ -15,6 +15,8 @@ PHASES: tuple[Phase, ...] = ("standing", "bowing", "kneeling", "seated")
 SIDES = ("left", "right")
 KNEE = 0.055  # m, height of a knee on the floor, of the mean adult
 SIGN = (1.0, -1.0)  # +X is the body's left
+_STOOPS = 0.35  # share of people who stand with a bent trunk
+_STAGGERED = 0.4  # share of people one of whose feet is ahead of the other, by at most 14 cm
 _BODY = (
     *(
         "x",
@@ -105,6 +107,8 @@ class Script:
         """Return the script of a standing person with a random place and heading."""
         apart, outward = draw.between(0.06, 0.125) * frame.scale, draw.between(2.0, 14.0)
         upright = {"tilt": draw.between(-7, 2), "bend": draw.between(-3, 6)}
+        if draw.chance(_STOOPS):
+            upright = {"tilt": upright["tilt"] + draw.between(0, 8), "bend": upright["bend"] + draw.between(2, 16)}
         values = dict.fromkeys(_BODY, 0.0) | {f"{side}_{name}": 0.0 for side in SIDES for name in _SIDED}
         yaw, x, z = draw.between(-180, 180), draw.between(-1.5, 1.5), draw.between(-1.5, 1.5)
         values |= {
@@ -117,9 +121,10 @@ class Script:
             "lead": draw.between(0.02, 0.06) * frame.scale,
         }
         values |= {"height": frame.leg + frame.ankle + 0.02, "straight": draw.between(5.5, 9), **upright}
+        staggered = draw.between(-0.07, 0.07) * frame.scale if draw.chance(_STAGGERED) else 0.0
         script = cls(draw, frame, Moves(values), upright, pace=draw.between(0.75, 1.35), apart=apart, outward=outward)
         for side in (0, 1):
-            place = script.place(SIGN[side] * apart, draw.between(-0.025, 0.025))
+            place = script.place(SIGN[side] * apart, draw.between(-0.025, 0.025) + SIGN[side] * staggered)
             start = dict(zip(("ankle_x", "ankle_z"), place, strict=True))
             start |= {"foot_yaw": yaw + SIGN[side] * outward, "knee_out": draw.between(-2, 8)}
             script.moves = Moves(script.moves.value | {f"{SIDES[side]}_{name}": v for name, v in start.items()})

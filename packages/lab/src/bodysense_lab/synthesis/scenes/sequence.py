@@ -12,7 +12,7 @@ from bodysense.body.pose import Pose, local_rotation, standing_pose
 from bodysense.body.shape import SHORTEST, TALLEST, shape_space, stature
 from bodysense.body.skeleton import BODY, Skeleton, default_skeleton
 from bodysense.geometry.rotation import matrix_to_quaternion
-from bodysense_lab.synthesis.scenes import arm_postures, low_scenes, seated_scenes, standing_scenes
+from bodysense_lab.synthesis.scenes import arm_postures, low_scenes, seated_scenes, standing_scenes, table_scenes
 from bodysense_lab.synthesis.scenes.kinematics import frame_of, solve
 from bodysense_lab.synthesis.scenes.moves import Draw
 from bodysense_lab.synthesis.scenes.script import PHASES, FootStep, Phase, Script
@@ -35,6 +35,8 @@ KINDS: dict[str, Callable[[Script], None]] = {
     "arms_crossed": standing_scenes.arms_crossed,
     "reach": standing_scenes.reach,
     "walk": standing_scenes.walk,
+    "work_at_a_table": table_scenes.work_at_a_table,
+    "lean_on_a_table": table_scenes.lean_on_a_table,
     "squat": low_scenes.squat,
     "pick_up": low_scenes.pick_up,
     "kneel_on_one": low_scenes.kneel_on_one,

@@ -23,13 +23,17 @@ def change_arms(script: Script, kinds: tuple = arm_postures.EVERYDAY, share: flo
 
 
 def glance(script: Script, begin: float, end: float) -> None:
-    """Look about between two times, s."""
+    """Look about between two times, s. The trunk follows a gaze that goes down, of some people more, of some less."""
     draw, now = script.draw, begin
+    follows = draw.between(0.0, 0.8) if draw.chance(0.6) else 0.0
     while now < end:
         now += draw.between(0.4, 3.0)
         takes = draw.between(0.3, 0.9)
-        yaw = draw.between(-55, 55) * draw.between(0.1, 1.0)
-        script.moves.to(now, now + takes, gaze_yaw=yaw, gaze_pitch=draw.between(-12, 28))
+        yaw, pitch = draw.between(-55, 55) * draw.between(0.1, 1.0), draw.between(-12, 28)
+        pitch += draw.between(0, 14) if draw.chance(0.25) else 0.0
+        before = max(script.moves.value["gaze_pitch"], 0.0)
+        script.moves.to(now, now + takes, gaze_yaw=yaw, gaze_pitch=pitch)
+        script.moves.add(now, now + takes + 0.3, bend=follows * (max(pitch, 0.0) - before))
         now += takes
 
 
