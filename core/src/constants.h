@@ -252,6 +252,8 @@
 #define FOOT_MOVES 0.05F       /* m/s; a faster foot moves, in full at twice that. 0.08: gliding of calm heads is 1.5 to 5 % */
 #define FOOT_LAG 0.01F         /* s in which half of a foot's way is followed, by which its speed is known. 0: at 144 Hz,
                                   noise of 1 mm lifts standing feet by 6 mm */
+#define FOOT_DESCENT 4.0F      /* of the way to where a foot is measured; one that is eased there is no higher. 2: feet that
+                                  cameras find glide a quarter more often */
 #define FOOT_RISE 0.5F         /* m/s; it rises no faster. 0.4: feet of hanging hands glide a tenth more often; 0.6: shins
                                   that are found again jump by over 5 degrees */
 #define FOOT_LAND 0.05F        /* s in which half of it is given up. 0.025 and 0.1: as much gliding; shins jump alike */

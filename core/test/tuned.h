@@ -44,6 +44,7 @@ static const struct tuned {
     {"FOOT_LIFT", 0.028, foot_lift},
     {"FOOT_MOVES", 0.05, foot_moves},
     {"FOOT_LAG", 0.01, foot_lag},
+    {"FOOT_DESCENT", 4, foot_descent},
     {"FOOT_RISE", 0.5, foot_rise},
     {"FOOT_LAND", 0.05, foot_land},
     {"FOOT_CALM", 0.3, foot_calm},

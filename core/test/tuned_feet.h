@@ -23,7 +23,7 @@ static stand flat_feet(float contact) {
     for (int k = 0; k < 2; k++) {
         const float x = k ? -0.1F : 0.1F;
         s.foot[k] = (foot){vec(x, 0.08F, 0), vec(x, 0.02F, 0.14F), vec(x, 0.02F, 0.2F), 0.08F, 0.02F, contact, contact,
-                           false, false, false, false, 0.0F};
+                           false, false, 0.0F, false, false, 0.0F};
     }
     s.body = (carrier){vec(0, 1.6F, 0), 1.0F, 0.0F, 0.0F};
     return s;
@@ -198,6 +198,16 @@ static double foot_land(const bs_model *m) { /* s in which half of the lift is g
     (void)m;
     while (lift_after(1.0F, 0, frames) > 0.501F && frames < FOREVER) frames++;
     return (double)frames * (double)TICK;
+}
+
+static double foot_descent(const bs_model *m) { /* a foot that is seen and eased, 2 mm from where it is measured */
+    stand s = flat_feet(1);
+    (void)m;
+    s.upright = 1.0F;
+    s.foot[0].seen = true;
+    s.foot[0].away = 0.002F;
+    for (int k = 0; k < 100; k++) shift(&s, 0, vec(TICK, 0, 0)), hold(&s, 1);
+    return (double)(s.move[0].shift.y / s.foot[0].away);
 }
 
 /* How high a foot that is dragged is shown over the floor (m), under a head of a speed (m/s). */

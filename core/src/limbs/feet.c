@@ -109,9 +109,10 @@ void hold_feet(const foot foot[2], carrier body, float floor, float interval, fl
         move[k] = (foot_move){{0, 0, 0}, 0.0F};
         if (f->seen) {
             s->slide = vec(0, 0, 0);
-            s->turn = s->drop = s->step.span = s->lifted = 0.0F;
-            s->shown = false;
-            if (!f->met) move[k].shift.y = clamp(floor - f->ankle.y, 0.0F, 2.0F * FOOT_REACH); /* an ankle that is eased */
+            s->turn = s->drop = s->step.span = 0.0F;
+            float lift = fminf(calm * lift_moving(s, f->ball, f->met, interval), FOOT_DESCENT * f->away);
+            float up = fmaxf(floor - f->ankle.y, lift - fmaxf(height_over(f, floor, 0.0F), 0.0F));
+            if (!f->met) move[k].shift.y = clamp(up, 0.0F, 2.0F * FOOT_REACH);
             continue;
         }
         move[k] = (foot_move){vec(s->slide.x, -s->drop, s->slide.z), s->turn};

@@ -11,6 +11,7 @@ typedef struct foot {
     float ankle_contact, ball_contact; /* probability */
     bool seen;                      /* a point of the foot is measured: it is where it is */
     bool met;                       /* the ankle is where it is measured */
+    float away;                     /* m, from an ankle that is measured to where it is measured */
     bool turned;                    /* its rotation is measured */
     bool driven;                    /* a bone of the leg or the knee is measured, or eased to or from there */
     float kneels;                   /* 1 if the knee is on the floor and the shin with it, 0 if the foot may stand */

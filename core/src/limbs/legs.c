@@ -144,6 +144,7 @@ void move_legs(body *b, const tracked *t, const prediction *p, const mat3 goal[B
         f->turned = known_rotation(t, j->end);
         f->driven = task[k].middle_seen || task[k].start_turned || task[k].middle_turned || eases;
         f->met = t->has_position[j->end] && !easing(&s->limb[LEFT_LEG + k].end);
+        f->away = t->has_position[j->end] ? length(sub(t->position[j->end], f->ankle)) : 0.0F;
         float knee = b->point[j->start].y + to.middle.y - t->floor;
         f->kneels = fminf(fmaxf((KNEE_UP - knee) / (KNEE_UP - KNEE_DOWN), 0.0F), 1.0F);
     }
