@@ -37,6 +37,14 @@ def test_people_who_turn_and_shuffle_step() -> None:
 
 
 @pytest.mark.slow
+def test_feet_that_cameras_find_step_to_where_they_are_seen() -> None:
+    """Without the lift of feet that are eased, 16 % of frames glide."""
+    seen = scored(("headset_camera",), ("turn", "shuffle"))["headset_camera"]
+    print(seen.get("gliding_share"))
+    assert seen.get("gliding_share") < 0.062  # measured: 0.056
+
+
+@pytest.mark.slow
 def test_feet_of_standing_people_stay_where_they_are(standing: dict[str, RunningScores]) -> None:
     """Without the hold of standing feet, gliding is 0.022 and false steps are 10 a minute.
 
