@@ -11,7 +11,8 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.geometry.rigid import RigidTransform
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.observing.observation import Observation

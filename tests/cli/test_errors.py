@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import write_bvh
 from bodysense.io.formats.recording import Recording, write_recording

@@ -15,9 +15,10 @@ from bodysense.body.hands.hand import FREEDOMS, HAND_JOINTS, angles_of, mirrored
 from bodysense.body.pose import forward_kinematics
 from bodysense.cli import main
 from bodysense.devices.gloves import calibration, device, hands
-from bodysense.devices.simulated import sensors
+from bodysense.devices.simulated import sensing
 from bodysense.devices.simulated.glove import observe
 from bodysense.devices.simulated.noise import hide
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.clip import Clip
 from bodysense.io.formats.bvh import read_bvh
 from bodysense.io.formats.recording import Recording, read_recording, write_recording
@@ -124,7 +125,7 @@ def test_gloves_are_simulated(tmp_path: Path, motion: Path, run: Command, ending
 def test_a_headset_and_gloves(
     tmp_path: Path, short_clip: Clip, gloves: Observation, motion: Path, run: Command
 ) -> None:
-    head = sensors.observe(short_clip.pose, short_clip.time, sensors.SENSOR_SETS["head"])
+    head = sensing.observe(short_clip.pose, short_clip.time, SENSOR_SETS["head"])
     fields = ("position", "rotation", "has_position", "has_rotation", "accuracy")
     joined = {name: np.concatenate([getattr(head, name), getattr(gloves, name)], axis=1) for name in fields}
     both = Observation(points=(*head.points, *gloves.points), time=head.time, **joined)

@@ -7,7 +7,8 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT
 from bodysense.tracking.tracker import Tracker
 from bodysense_conform.evaluate import find
 from bodysense_conform.table import table

@@ -9,7 +9,8 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.geometry.rotation import (
     euler_to_quaternion,
     quaternion_multiply,

@@ -8,7 +8,8 @@ import pytest
 
 from bodysense.body.person import Person
 from bodysense.demo import performance_of_unseen_body
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.observing.observation import Observation
 from bodysense.tracking import core

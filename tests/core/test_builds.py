@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 
 import bodysense as bs
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT
 from bodysense.io.clip import Clip
 from bodysense.io.formats.recording import Recording
 from bodysense.tracking.model import PACKAGED

@@ -8,7 +8,8 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.tracking.tracker import Tracker, TrackerSettings
 
 FRAMES, FLOOR, UP = 150, 0.4, np.array([0.0, 1.0, 0.0])  # m

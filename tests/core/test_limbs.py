@@ -8,7 +8,8 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, slerp
 from bodysense.tracking.tracker import Tracker
 

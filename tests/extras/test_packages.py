@@ -28,7 +28,8 @@ import pytest
 
 import bodysense as bs
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT
 from bodysense.geometry.rotation import quaternion_to_matrix
 
 ROOT = Path(__file__).parents[2]

@@ -7,7 +7,8 @@ import pytest
 
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip

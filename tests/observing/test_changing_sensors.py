@@ -11,7 +11,8 @@ from bodysense.body.retarget import retarget
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip
 from bodysense.observing.observation import Observation

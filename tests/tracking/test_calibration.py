@@ -10,7 +10,8 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, rest_pose, standing_pose
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rigid import RigidTransform
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply

@@ -7,7 +7,8 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.tracking.tracker import Tracker
 
 FRAMES = 120

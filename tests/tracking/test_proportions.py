@@ -8,7 +8,8 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.shape import Measured, sample_bodies, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.observing.observation import Observation
 from bodysense.tracking.estimate import Estimate
 from bodysense.tracking.tracker import Tracker, TrackerState

@@ -10,7 +10,8 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.demo import performance_of_unseen_body
-from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, WRISTS, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, WRISTS
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.formats.recording import Recording
 from bodysense.takes.track import track

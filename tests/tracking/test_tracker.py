@@ -14,7 +14,8 @@ from bodysense.body.retarget import retarget
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rigid import RigidTransform
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate

@@ -25,6 +25,24 @@ ARM = ("collar", "shoulder", "elbow", "wrist")  # the joints that turn collar, u
 LEG = ("hip", "knee", "ankle", "foot", "toe")  # the last is an end site
 # The lower body among them as in AGRoL (Du et al. 2023); hands are the wrists.
 LOWER_BODY = tuple(name for name in BODY if name.split("_")[-1] in ("pelvis", "hip", "knee", "ankle", "foot"))
+# Points with an inertial sensor whose acceleration the tracker uses, and the end of the bone that carries the sensor.
+# None: the sensor is at the joint itself.
+INERTIAL_BONES: dict[str, str | None] = {
+    "pelvis": None,
+    "spine3": None,
+    **{
+        f"{side}_{joint}": f"{side}_{end}"
+        for joint, end in (
+            ("hip", "knee"),
+            ("knee", "ankle"),
+            ("ankle", "foot"),
+            ("shoulder", "elbow"),
+            ("elbow", "wrist"),
+        )
+        for side in ("left", "right")
+    },
+}
+INERTIAL_POINTS = tuple(INERTIAL_BONES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,24 +20,6 @@ from bodysense.observing.world_axes import COMPACT, HIGHEST_HEAD, check_world, c
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-# Points with an inertial sensor whose acceleration the tracker uses, and the end of the bone that carries the sensor.
-# None: the sensor is at the joint itself.
-INERTIAL_BONES: dict[str, str | None] = {
-    "pelvis": None,
-    "spine3": None,
-    **{
-        f"{side}_{joint}": f"{side}_{end}"
-        for joint, end in (
-            ("hip", "knee"),
-            ("knee", "ankle"),
-            ("ankle", "foot"),
-            ("shoulder", "elbow"),
-            ("elbow", "wrist"),
-        )
-        for side in ("left", "right")
-    },
-}
-INERTIAL_POINTS = tuple(INERTIAL_BONES)
 # Expected error (m) of a measured position by kind of device, for devices that do not report their own.
 EXACT_ACCURACY = 0.001  # the true motion, simulated devices without noise
 HEADSET_ACCURACY = 0.001  # headsets and controllers

@@ -13,7 +13,8 @@ from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.geometry.rotation import quaternion_exp, quaternion_multiply
 from bodysense.observing.observation import Observation
 from bodysense.tracking.tracker import TrackerSettings

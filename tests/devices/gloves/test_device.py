@@ -23,7 +23,8 @@ from bodysense.devices.gloves.device import (
 from bodysense.devices.gloves.hands import GloveModels, Hands, load_glove_models
 from bodysense.devices.simulated import glove
 from bodysense.devices.simulated.noise import hide
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip

@@ -22,7 +22,8 @@ from bodysense.devices.simulated.headset_camera import (
     camera_pose,
     see,
 )
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp
 from bodysense.observing.checks import check_observation

@@ -11,7 +11,8 @@ from scipy import signal
 from scipy.spatial.transform import Rotation
 
 from bodysense.devices.simulated.noise import NoiseSettings, disturb
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.observing.checks import check_observation

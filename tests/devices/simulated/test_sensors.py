@@ -8,7 +8,8 @@ import pytest
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.simulated.inertial import ALONG, SMOOTHING
-from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe, observe_points
+from bodysense.devices.simulated.sensing import observe, observe_points
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip

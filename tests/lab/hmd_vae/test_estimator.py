@@ -14,7 +14,8 @@ from bodysense.body.body_joints import body_skeleton
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY, default_skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.sensors import THREE_POINT, THREE_POINTS, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT, THREE_POINTS
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.clip import Clip

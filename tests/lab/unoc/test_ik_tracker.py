@@ -18,7 +18,8 @@ from bodysense.body.retarget import transfer_motion
 from bodysense.body.shape import sample_bodies
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle, quaternion_exp, quaternion_multiply
 from bodysense.io.clip import Clip

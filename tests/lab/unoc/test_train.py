@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from people.split import write_people
 
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.io.clip import Clip
 from bodysense_lab.data.augment import mirrored
 from bodysense_lab.data.clips import clips_of

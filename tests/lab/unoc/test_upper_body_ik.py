@@ -12,7 +12,8 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
 from bodysense.devices.estimate import PointEstimate
 from bodysense.devices.simulated.noise import hide
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, quaternion_rotate
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.sources import list_sources, read_source

@@ -18,7 +18,8 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT
 from bodysense.io.formats.bvh import read_bvh
 from bodysense.io.formats.protocol import SIGNAL, TRUTH, read_pose, write_signal
 from bodysense_live.server.messages import (

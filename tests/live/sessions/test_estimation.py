@@ -12,7 +12,8 @@ from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS
 from bodysense.io.formats.protocol import SignalFrame, wire_accuracy
 from bodysense.observing.observation import Observation
 from bodysense.tracking.tracker import Tracker, TrackerSettings

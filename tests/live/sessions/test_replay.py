@@ -11,7 +11,8 @@ import pytest
 from bodysense.body.person import Person
 from bodysense.body.pose import Pose, standing_pose
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT
 from bodysense.errors import BodysenseError
 from bodysense.io.formats.protocol import SignalFrame, read_signal, write_signal
 from bodysense_live.server.messages import Replay

@@ -16,8 +16,9 @@ from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.shape import stature
 from bodysense.body.skeleton import default_skeleton
 from bodysense.demo import performance_of_unseen_body
-from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT, observe
-from bodysense.devices.simulated.sensors import observe as see
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensing import observe as see
+from bodysense.devices.simulated.sensors import SENSOR_SETS, THREE_POINT
 from bodysense.geometry.rigid import RigidTransform
 from bodysense.geometry.rotation import geodesic_angle
 from bodysense.io.formats.protocol import ProtocolError, SignalFrame

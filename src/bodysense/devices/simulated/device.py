@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 
 from bodysense.body.hands.hand import hand_pose
-from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import SENSOR_SETS, SensorSet
 from bodysense.errors import BodysenseError, unknown_name
 from bodysense.io.clip import Clip
 from bodysense.observing.checks import check_observation

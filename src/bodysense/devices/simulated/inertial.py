@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bodysense.observing.observation import INERTIAL_BONES, INERTIAL_POINTS
+from bodysense.body.skeleton import INERTIAL_BONES, INERTIAL_POINTS
 
 ALONG = 0.8  # position on the bone, as a share of its length from its joint: above the ankle, the wrist, the knee
 SMOOTHING = 0.066  # s; an acceleration is the mean over the last two of these intervals, without look-ahead

@@ -9,7 +9,8 @@ import pytest
 
 from bodysense.body.skeleton import BODY
 from bodysense.demo import packaged_performance
-from bodysense.devices.simulated.sensors import INERTIAL_SETS, SensorSet, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import INERTIAL_SETS, SensorSet
 from bodysense.tracking.tracker import Tracker
 from bodysense_lab.completion.data.points import INPUT_POINTS, KNUCKLES
 from bodysense_lab.completion.data.signal_kinds import (

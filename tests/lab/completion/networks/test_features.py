@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from bodysense.observing.observation import INERTIAL_POINTS
+from bodysense.body.skeleton import INERTIAL_POINTS
 from bodysense_lab.completion.data.points import SPIN_INDICES, reference_offsets
 from bodysense_lab.completion.networks.features import WIDTHS, Before, TrackedSignal, mirror_indices, mirror_signs
 from bodysense_lab.completion.networks.network import CompletionConfig, CompletionNetwork

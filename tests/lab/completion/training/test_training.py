@@ -12,14 +12,13 @@ import torch
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.retarget import retarget
 from bodysense.body.shape import sample_bodies
-from bodysense.body.skeleton import BODY
+from bodysense.body.skeleton import BODY, INERTIAL_POINTS
 from bodysense.demo import packaged_performance
 from bodysense.devices.simulated.headset_camera import see
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import geodesic_angle, quaternion_rotate
 from bodysense.io.datasets.splits import split_of
 from bodysense.io.formats.bvh import write_bvh
-from bodysense.observing.observation import INERTIAL_POINTS
 from bodysense_lab.completion.data.batches import collate
 from bodysense_lab.completion.data.corpus import Corpus
 from bodysense_lab.completion.data.corpus_cache import read_corpus

@@ -15,7 +15,8 @@ import bodysense.weights
 from bodysense.body.pose import Pose, forward_kinematics
 from bodysense.body.resting import local_offset
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.io.clip import Clip
 from bodysense_lab.core.scoring import scored_points
 from bodysense_lab.data.datasets import DataSet, census_of

@@ -13,7 +13,8 @@ import pytest
 from bodysense.body.pose import Pose, forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton, default_skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT
 from bodysense.geometry.rotation import quaternion_exp
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample

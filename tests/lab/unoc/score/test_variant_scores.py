@@ -12,7 +12,8 @@ import torch
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import default_skeleton
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.takes.last_known import KNOWN, Hold

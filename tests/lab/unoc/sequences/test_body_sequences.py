@@ -6,7 +6,8 @@ import numpy as np
 import torch
 
 from bodysense.body.pose import forward_kinematics
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense_lab.data.augment import mirrored

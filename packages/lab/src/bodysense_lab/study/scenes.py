@@ -13,7 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample

@@ -56,7 +56,8 @@ def bench_step(
         model: completion network of your own; the packaged one if omitted.
     """
     from bodysense.demo import performance_of_unseen_body
-    from bodysense.devices.simulated.sensors import SENSOR_SETS, observe
+    from bodysense.devices.simulated.sensing import observe
+    from bodysense.devices.simulated.sensors import SENSOR_SETS
     from bodysense.tracking.model import PACKAGED, load_completion
     from bodysense.tracking.tracker import Tracker
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bodysense.body.skeleton import BODY, default_skeleton
-from bodysense.observing.observation import INERTIAL_POINTS
+from bodysense.body.skeleton import BODY, INERTIAL_POINTS, default_skeleton
 
 SITES = ("head_top", "left_toe", "right_toe")
 BODY_POINTS = (*BODY, *SITES)  # points with a rest offset

@@ -18,7 +18,8 @@ import numpy as np
 from bodysense.body.person import Person
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import BODY, LOWER_BODY
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT
 from bodysense.errors import BodysenseError
 from bodysense.geometry.rotation import quaternion_exp, quaternion_log
 from bodysense.io.clip import Clip

@@ -17,7 +17,8 @@ from bodysense.body.shape import Split as BodySplit
 from bodysense.body.shape import sample_bodies, stature
 from bodysense.body.skeleton import BODY, Skeleton
 from bodysense.devices.simulated.headset_camera import see_points
-from bodysense.devices.simulated.sensors import SensorSet, observe_points
+from bodysense.devices.simulated.sensing import observe_points
+from bodysense.devices.simulated.sensors import SensorSet
 from bodysense.geometry.rotation import heading
 from bodysense.io.clip import Clip
 from bodysense.io.datasets.splits import Split

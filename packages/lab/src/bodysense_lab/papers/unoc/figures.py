@@ -10,7 +10,8 @@ import numpy as np
 
 from bodysense.body.arms import SIDES
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.geometry.rotation import quaternion_log
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample

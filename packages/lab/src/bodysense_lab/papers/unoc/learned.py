@@ -11,7 +11,8 @@ import numpy as np
 from bodysense.body.pose import forward_kinematics, standing_pose
 from bodysense.body.skeleton import Skeleton
 from bodysense.devices.estimate import PointEstimate
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample

@@ -20,7 +20,8 @@ import numpy as np
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton
-from bodysense.devices.simulated.sensors import THREE_POINT, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import THREE_POINT
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
 from bodysense.quality.metrics import joint_error

@@ -13,7 +13,8 @@ from torch import Tensor
 
 from bodysense.body.pose import forward_kinematics
 from bodysense.body.skeleton import Skeleton, default_skeleton
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.errors import BodysenseError
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample

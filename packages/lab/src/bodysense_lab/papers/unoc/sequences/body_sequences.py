@@ -11,7 +11,8 @@ import torch
 from torch import Tensor
 
 from bodysense.body.pose import Pose, forward_kinematics
-from bodysense.devices.simulated.sensors import HEADSET_CAMERA, observe
+from bodysense.devices.simulated.sensing import observe
+from bodysense.devices.simulated.sensors import HEADSET_CAMERA
 from bodysense.geometry.rotation import quaternion_canonical, quaternion_exp, quaternion_multiply, swing_twist
 from bodysense.io.clip import Clip
 from bodysense.io.resample import resample
