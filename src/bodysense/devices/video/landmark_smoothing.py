@@ -35,7 +35,7 @@ def smooth_frame(person: PersonLandmarks, frame: int, deviation: float, ahead: f
         world=mean(person.world, body),
         picture=mean(person.picture, body),
         visible=mean(person.visible, body),
-        has_body=(near[:, None] * body[:, None]).any(axis=0),
+        has_body=np.array([bool((near * body).any())]),
         hand=mean(person.hand, hand),
         hand_world=mean(person.hand_world, hand),
         has_hand=((near[:, None] * hand) > 0).any(axis=0)[None],
