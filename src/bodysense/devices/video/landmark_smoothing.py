@@ -38,5 +38,5 @@ def smooth_frame(person: PersonLandmarks, frame: int, deviation: float, ahead: f
         has_body=np.array([bool((near * body).any())]),
         hand=mean(person.hand, hand),
         hand_world=mean(person.hand_world, hand),
-        has_hand=((near[:, None] * hand) > 0).any(axis=0)[None],
+        has_hand=np.asarray((near[:, None] * hand > 0).any(axis=0))[None],
     )
