@@ -278,6 +278,6 @@
 #define STEP_LIFT 0.04F        /* m; height of a step. 0.05: knees jump by over 5 cm a frame */
 #define STEP_RISE 0.2F         /* of a step; the foot rises before it goes along the floor, and lands after it */
 #define STEP_RADIUS 0.5F       /* m; a foot that is turned by a radian strains as if it were as far away. 0.15: three of
-                                  four steps of who turns on the spot are missing. 0.6: who stands and looks about steps */
+                                  four steps are missing in turns on the spot. 0.6: people who look about step */
 
 #endif

@@ -106,7 +106,7 @@ class VideoState:
     begun: tuple[float, float] | None = None  # time (s) of the first sighting, and z (m) in the room then
     time: float = -np.inf  # s, time of the last sighting
     waiting: PersonLandmarks | None = None  # `done` frames that were output but are needed for smoothing, then the next
-    # Of waiting frames: tilt, roll (rad), whether seated, and how visible the legs are, guessed ones included.
+    # (N, 4), of waiting frames: tilt, roll (rad), whether seated, and visibility of the legs, guessed ones included.
     levels: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
     done: int = 0
 

@@ -38,7 +38,7 @@ def work_at_a_table(script: Script) -> None:
 
 
 def lean_on_a_table(script: Script) -> None:
-    """Stand and lean on a table with both hands, the arms almost straight, or with a hand and the hip beside it."""
+    """Stand and lean on a table with both hands, the arms almost straight, or with one hand."""
     draw, frame = script.draw, script.frame
     square_feet(script)
     begin = script.wait(0.2, 0.6)
