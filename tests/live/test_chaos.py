@@ -155,7 +155,7 @@ def server_is_killed(chaos: Chaos) -> None:
 
 
 def no_frame_is_answered(chaos: Chaos) -> None:
-    """A step hangs; the wearers are told once a second, until the server ends and they go to another one."""
+    """A step hangs; the wearers get a notice once a second, until the server ends and they go to another one."""
     stuck, released = list[bool](), threading.Event()
 
     def hang_once(jobs: list) -> list:

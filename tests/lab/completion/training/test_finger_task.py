@@ -26,7 +26,8 @@ from bodysense_lab.completion.data.corpus import Corpus
 from bodysense_lab.completion.data.hands import DrawFingers, TrainingHands, hand_kinematics
 from bodysense_lab.completion.data.points import HAND_JOINTS, HAND_POINTS
 from bodysense_lab.completion.data.sensor_draws import FINGER_KINDS, FingerMasks, draw_fingers
-from bodysense_lab.completion.data.sequences import CAMERA, Sequence, SequenceAugmentation, draw_hands, make_sequence
+from bodysense_lab.completion.data.sequence_draws import draw_hands
+from bodysense_lab.completion.data.sequences import CAMERA, Sequence, SequenceAugmentation, make_sequence
 from bodysense_lab.completion.data.training_bodies import TrainingBody, with_other_hands
 from bodysense_lab.completion.networks.fingers import BENDING_POINTS, FingerConfig, FingerNetwork, finger_positions
 from bodysense_lab.completion.score.finger_errors import finger_validation, last_known_fingers, mean_hand

@@ -32,7 +32,8 @@ from bodysense_lab.completion.data.sensor_draws import (
     lost_hand,
     rotation_only,
 )
-from bodysense_lab.completion.data.sequences import Sequence, SequenceAugmentation, draw_sequence, make_sequence
+from bodysense_lab.completion.data.sequence_draws import draw_sequence
+from bodysense_lab.completion.data.sequences import Sequence, SequenceAugmentation, make_sequence
 from bodysense_lab.completion.data.training_bodies import TrainingBody
 from bodysense_lab.completion.networks.network import CompletionConfig, CompletionNetwork
 from bodysense_lab.completion.networks.weights_file import read_weights

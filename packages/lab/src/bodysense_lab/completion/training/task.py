@@ -23,7 +23,8 @@ from bodysense_lab.completion.data.points import JOINTS
 from bodysense_lab.completion.data.postures.postures import low_share, standing_share
 from bodysense_lab.completion.data.postures.upright import stance_shifts
 from bodysense_lab.completion.data.sensor_draws import draw_sensors, fixed_sensors
-from bodysense_lab.completion.data.sequences import DrawSensors, Sequence, draw_hands, draw_scene, draw_sequence
+from bodysense_lab.completion.data.sequence_draws import draw_hands, draw_scene, draw_sequence
+from bodysense_lab.completion.data.sequences import DrawSensors, Sequence
 from bodysense_lab.completion.networks.fingers import FingerConfig
 from bodysense_lab.completion.networks.network import CompletionConfig
 from bodysense_lab.completion.score.finger_errors import FingerValidation, predicted_fingers, untracked_distances
