@@ -53,7 +53,7 @@ def test_right_worlds_give_no_notice(kind: str) -> None:
 def test_wrong_worlds_give_a_notice(world: World) -> None:
     """A world is passed over only if its heights are those of a body that lies, reaches or looks down."""
     passed = looked = 0
-    for seed in range(4):
+    for seed in range(12):
         body = upright(seed)
         for name, (points, turned) in SETS.items():
             if world.swapped and not (turned and "left_wrist" in points):
@@ -66,7 +66,7 @@ def test_wrong_worlds_give_a_notice(world: World) -> None:
             low, high = seen.position[..., 1].min(), seen.position[..., 1].max()
             least, most = (-0.3, 2.8) if name in ("three places", "head") else (-0.1, 1.95)
             assert world.swapped or (world.up not in ("y", "-y") and least < low and high < most), (name, body.kind)
-    assert passed <= 0.5 * looked
+    assert passed <= 0.4 * looked
 
 
 def fixed(seen: Observation, notice: str, floor: float) -> tuple[Observation, float]:
